@@ -12,7 +12,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.path.loads import HeldLoads
 from tactile_fem.path.motion import Array, Motion, multiples
 from tactile_fem.path.pieces import Piece
-from tactile_fem.path.recording import LOADS, PLACES, TURNS, Frame, Recording
+from tactile_fem.path.recording import COLUMNS, LOADS, PLACES, TURNS, Frame, Recording
 from tactile_fem.path.rotations import angle_rad, since_first
 from tactile_fem.runtime.settings import File, Positive
 
@@ -58,7 +58,7 @@ class Follow(Frame, _OfFile):
     @property
     def recorded(self) -> Recording:
         """What the file held when the piece was resolved, or holds now."""
-        return self._known or self.read(self.file, smooth_s=self.smooth_s)
+        return self._known or self.read(self.file, "protocol.path", self.smooth_s)
 
     def first_pose(self) -> tuple[Array, Array]:
         """Return the first place, (3,) in mm, and rotation vector, (3,) in rad."""
@@ -69,16 +69,16 @@ class Follow(Frame, _OfFile):
                 f"protocol.path: the body in {self.file} is {depth_mm:.4g} mm deep where fz_N "
                 "presses, so z_mm is not 0 at the first touch: set contact_N or contact_s."
             )
-        return recorded.of(PLACES, smooth=True)[0], np.radians(recorded.of(TURNS)[0])
+        return recorded.of(PLACES)[0], np.radians(recorded.of(TURNS)[0])
 
     def announce(self) -> None:
         """Log what smoothing removes and when contact begins; warn of forces against friction."""
         recorded, file = self.recorded, self.file.name
         if self.smooth_s:
+            noise = dict(zip(COLUMNS, (recorded.values - recorded.smooth).std(axis=0), strict=True))
             names = [name for name in recorded.names if name in (*PLACES, *self.hold)]
-            rms = (recorded.of(names) - recorded.of(names, smooth=True)).std(axis=0)
-            words = (f"{name} {size:.2g}" for name, size in zip(names, rms, strict=True))
-            logger.info("smoothing of %s removes (rms): %s", file, ", ".join(words))
+            words = ", ".join(f"{name} {noise[name]:.2g}" for name in names)
+            logger.info("smoothing of %s removes (rms): %s", file, words)
         if np.isfinite(recorded.contact_s):
             logger.info("contact in %s begins at %.4g s", file, recorded.contact_s)
         if names := recorded.against_motion():
@@ -88,19 +88,18 @@ class Follow(Frame, _OfFile):
     def resolved(self, deepest_mm: float) -> Follow:
         """Return the piece with what the file holds now."""
         known = self.model_copy()
-        known._known = self.read(self.file, smooth_s=self.smooth_s)
+        known._known = self.read(self.file, "protocol.path", self.smooth_s)
         return known
 
     def motion(self, start_mm: Array) -> Motion:
         """Return the motion, shifted to begin at the start."""
         recorded = self.recorded
-        times, places = recorded.time_s - recorded.time_s[0], recorded.of(PLACES, smooth=True)
+        times, places = recorded.time_s - recorded.time_s[0], recorded.of(PLACES)
         held, turns = self._held(recorded, times), self._turns(recorded)
-        shifts = places - places[0]
         outputs = multiples(self.output_s or _OUTPUT_SHARE * times[-1], times[-1])
 
         def place(t: float) -> Array:
-            return start_mm + _at(t, times, shifts)
+            return start_mm - places[0] + _at(t, times, places)
 
         turn = None if turns is None else lambda t: _at(t, times, turns)
         return Motion("follow", float(times[-1]), place, outputs, times, held=held, turn=turn)
@@ -125,7 +124,7 @@ class Follow(Frame, _OfFile):
             raise StudyError(f"protocol.path: {self.file} has no column {missing}, named in hold.")
         if not self.hold:
             return None
-        loads = recorded.of(LOADS, smooth=True)
+        loads = recorded.of(LOADS)
 
         def at(t: float, start: Array) -> Array:
             return _at(t, times, np.vstack([start, loads[1:]]))

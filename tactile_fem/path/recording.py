@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +19,7 @@ _TIME = "time_s"
 PLACES = ("x_mm", "y_mm", "z_mm")
 TURNS = ("rx_deg", "ry_deg", "rz_deg")
 LOADS = ("fx_N", "fy_N", "fz_N", "tz_Nmm")
-_KNOWN = (*PLACES, *TURNS, *LOADS)
+COLUMNS = (*PLACES, *TURNS, *LOADS)
 _Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 _KNOTS = 12  # of the smoothing spline in a period that it halves
 _REVERSED = -0.5  # mean sign, between -1 and 1, of a column that should be positive
@@ -45,11 +44,11 @@ class Recording:
     names: tuple[str, ...]
     values: Array
     smooth: Array
-    contact_s: float = math.inf
+    contact_s: float = np.inf
 
-    def of(self, names: Sequence[str], *, smooth: bool = False) -> Array:
-        """Return some columns, (n, names)."""
-        return (self.smooth if smooth else self.values)[:, [_KNOWN.index(name) for name in names]]
+    def of(self, names: Sequence[str]) -> Array:
+        """Return some columns after smoothing, (n, names)."""
+        return self.smooth[:, [COLUMNS.index(name) for name in names]]
 
     def smoothed(self, period_s: float) -> Recording:
         """Return it with smooth places and loads, at times that need not be even.
@@ -66,22 +65,21 @@ class Recording:
         weighted = basis.T @ sparse.diags_array(np.gradient(at))
         bend = sparse.diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(count + 1, count + 3))
         stiffness = (period_s / since_s[-1] * count / (2 * np.pi)) ** 4 * (bend.T @ bend)
-        matrix = (weighted @ basis + stiffness).tocsc()
-        smooth = basis @ sparse.linalg.spsolve(matrix, weighted @ self.values)
+        matrix, right = (weighted @ basis + stiffness).tocsc(), weighted @ self.values
+        smooth = basis @ sparse.linalg.spsolve(matrix, right)
         smooth[:, 3:6] = self.values[:, 3:6]  # rotation vectors may jump
         return replace(self, smooth=smooth)
 
     def pressed_mm(self, low: float, high: float) -> float:
         """Return the mean Z where the normal force has shares of its largest; NaN for nowhere."""
-        force, height = self.of(["fz_N", "z_mm"], smooth=True).T
+        force, height = self.of(["fz_N", "z_mm"]).T
         share = force / force.max(initial=1e-9) * (_sign(force) > -_REVERSED)
         rows = (share >= low) & (share <= high)
-        return float(height[rows].mean()) if rows.any() else math.nan
+        return float(height[rows].mean()) if rows.any() else np.nan
 
     def against_motion(self) -> list[str]:
         """Return the tangential forces that do negative work, while friction's is positive."""
-        moves = np.diff(self.of(PLACES[:2], smooth=True), axis=0)
-        works = moves * self.of(LOADS[:2], smooth=True)[1:]
+        works = np.diff(self.of(PLACES[:2]), axis=0) * self.of(LOADS[:2])[1:]
         share = np.abs(works).sum(axis=0) / max(np.abs(works).sum(), 1e-300)
         return [LOADS[k] for k in (0, 1) if share[k] > 0.1 and _sign(works[:, k]) < _REVERSED]
 
@@ -111,13 +109,11 @@ class Frame(Settings):
         ("x", "y", "z"), description="its axes along X (across), Y (to the tip) and Z (to the nail)"
     )
     contact_N: Positive | None = Field(
-        None, description="normal force that shows the first touch: the body is at its origin there"
+        None, description="force above the noise; where z_mm is 0 follows from it and 4 times it"
     )
     contact_s: Finite | None = Field(None, description="time of the first touch, instead")
 
-    def read(
-        self, file: Path, start: str = "protocol.path", smooth_s: float | None = None
-    ) -> Recording:
+    def read(self, file: Path, start: str, smooth_s: float | None = None) -> Recording:
         """Return places of the body, from the contact, and forces on the finger, in its axes."""
         where, recorded = f"{start}: {file}", self._turned(read_recording(file, start), start)
         if smooth_s is not None:
@@ -130,21 +126,24 @@ class Frame(Settings):
                 f"{where}: the sign of {name} is wrong, for the body must press the finger, and "
                 f"rise to do so: change {key}, which is {getattr(self, key)}, or axes."
             )
-        time_s, force, at = recorded.time_s, recorded.of(["fz_N"])[:, 0], self.contact_s
+        time_s, force, at = recorded.time_s, recorded.values[:, 8], self.contact_s
         if self.contact_N is not None:
-            most = np.maximum.accumulate(force)
-            at = np.interp(self.contact_N, most, time_s, np.nan, np.nan) if at is None else np.nan
+            z = recorded.of(["z_mm"])[:, 0] + 1e-9 * time_s  # rises also without z_mm
+            levels = np.array([1, 4]) * (self.contact_N if at is None else np.nan)
+            at_s = np.interp(levels, np.maximum.accumulate(force), time_s, np.nan, np.nan)
+            touch_mm = np.interp(at_s, time_s, z) @ [2, -1]  # force grows as depth squared
+            at = np.interp(touch_mm, np.maximum.accumulate(z), time_s, np.nan, np.nan)
         if at is None:
             return recorded
         if not time_s[0] <= at <= time_s[-1]:
             raise StudyError(
-                f"{where} lasts from {time_s[0]:g} to {time_s[-1]:g} s, and fz_N goes from "
-                f"{force[0]:.3g} to {force.max():.3g} N: set one of contact_s and contact_N within."
+                f"{where} lasts from {time_s[0]:g} to {time_s[-1]:g} s and reaches fz_N = "
+                f"{force.max():.3g}: set contact_s, or contact_N to a quarter of it at most."
             )
-        rows, shift = recorded.of(PLACES, smooth=True).T, np.zeros_like(recorded.values)
+        rows, shift = recorded.of(PLACES).T, np.zeros_like(recorded.values)
         shift[:, :3] = x, y, _ = [np.interp(at, time_s, row) for row in rows]
         if self.moves == "finger":  # the torque was about the laboratory's axis
-            shift[:, 9] = recorded.of(LOADS[:2]) @ [y, -x]
+            shift[:, 9] = recorded.values[:, 6:8] @ [y, -x]
         values, smooth = recorded.values - shift, recorded.smooth - shift
         return Recording(time_s, recorded.names, values, smooth, float(at))
 
@@ -178,11 +177,11 @@ def read_recording(file: Path, start: str = "protocol.path") -> Recording:
     rows = read_rows(file, f"{start}: {file}")
     heading = rows[0][1] if rows else ["empty"]
     names = [name.strip() for name in heading]
-    is_known = names[0] == _TIME and {*names[1:]} <= {*_KNOWN}
+    is_known = names[0] == _TIME and {*names[1:]} <= {*COLUMNS}
     if not is_known or len(names) < 2 or len({*names}) < len(names):
         raise StudyError(
             f"{start}: the first line of {file} is {_shown(heading)} but must be {_TIME} and some "
-            f"of {', '.join(_KNOWN)}."
+            f"of {', '.join(COLUMNS)}."
         )
     values = np.array(
         [_numbers(row, len(names), f"{start}: line {line} of {file}") for line, row in rows[1:]]
@@ -198,8 +197,8 @@ def read_recording(file: Path, start: str = "protocol.path") -> Recording:
             f"{start}: {_TIME} in {file} must increase, but {after:g} follows {before:g} in "
             f"line {rows[late[0] + 2][0]}."
         )
-    whole = np.zeros((len(values), len(_KNOWN)))
-    whole[:, [_KNOWN.index(name) for name in names[1:]]] = values[:, 1:]
+    whole = np.zeros((len(values), len(COLUMNS)))
+    whole[:, [COLUMNS.index(name) for name in names[1:]]] = values[:, 1:]
     return Recording(values[:, 0], tuple(names[1:]), whole, whole)
 
 

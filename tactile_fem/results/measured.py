@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.path import Follow, Path
-from tactile_fem.path.recording import LOADS, PLACES, TURNS, Frame, Recording
+from tactile_fem.path.recording import COLUMNS, LOADS, PLACES, TURNS, Frame, Recording
 from tactile_fem.path.rotations import between, moment_about, since_first
 from tactile_fem.study import Study
 
@@ -118,7 +118,7 @@ def _columns(values: Array, first: Array) -> dict[str, Array]:
     """Return columns (n, 10) by name, places since a first row and turns since their own."""
     turns = np.degrees(since_first(np.radians(values[:, 3:6])))
     values = np.hstack([values[:, :3] - first[:3], turns, values[:, 6:]])
-    return dict(zip((*PLACES, *TURNS, *LOADS), values.T, strict=True))
+    return dict(zip(COLUMNS, values.T, strict=True))
 
 
 def _read(study: Study, file: Any) -> tuple[Recording, float]:
