@@ -161,12 +161,30 @@ def test_what_smoothing_removes_is_logged_and_not_compared(tmp_path, caplog):
 @pytest.mark.parametrize(
     ("columns", "keys", "sentence"),
     [
-        (reversed_(FORCES), {}, r"the sign of fz_N is wrong, .* change forces_on, which is finger"),
-        (BODY, {"forces_on": "body"}, r"the sign of fz_N is wrong, .* forces_on, which is body"),
-        (reversed_(PLACES), {}, r"the sign of z_mm is wrong, .* change moves, which is body, or"),
-        (in_the_lab(), LAB, r"is -20\.\d+ mm deep where fz_N presses, so z_mm is not 0 .* contact"),
-        (in_the_lab(), {**LAB, "contact_N": 0.2}, r"reaches fz_N = 0\.6: set contact_s, or"),
-        (in_the_lab(), {**LAB, "contact_s": 3}, r"csv lasts from 0 to 0\.3 s and"),
+        (reversed_(FORCES), {}, r'the sign of fz_N is wrong.* change forces_on, which is "finger"'),
+        (BODY, {"forces_on": "body"}, r'the sign of fz_N is wrong.* forces_on, which is "body"'),
+        (
+            reversed_(PLACES),
+            {},
+            r"-1 mm deep where fz_N presses\. If the sign of z_mm is wrong, change moves, w",
+        ),
+        (
+            BODY,
+            {"moves": "finger", "contact_N": 0.05},
+            r'csv has no contact .* z_mm is wrong, change moves, which is "finger"',
+        ),
+        (
+            in_the_lab(),
+            LAB,
+            r"is -20\.7 mm deep where .* at the first touch, set contact_N or contact_s",
+        ),
+        (BODY, {"hold": ("fz_N",)}, r"fz_N .*csv goes down to 0 but is named in hold: press first"),
+        (
+            in_the_lab(),
+            {**LAB, "contact_N": 0.2},
+            r"and up to 0\.6 N: set contact_s, or contact_N to a",
+        ),
+        (in_the_lab(), {**LAB, "contact_s": 3}, r"csv has no contact from 0 to 0\.3 s, and up to"),
         (in_the_lab(), {**LAB, "contact_s": 0.1, "contact_N": 0.1}, r"set contact_s, or contact_N"),
         ({**BODY, "rz_deg": TIME}, {"moves": "finger"}, r'with turns moves must be "body"'),
         (BODY, {"axes": ("z", "x", "y")}, r"with tz_Nmm the last of axes must be z or -z\.$"),

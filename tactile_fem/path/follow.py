@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr
 
 from tactile_fem.errors import StudyError
-from tactile_fem.path.loads import HeldLoads
+from tactile_fem.path.loads import NORMAL, HeldLoads
 from tactile_fem.path.motion import Array, Motion, multiples
 from tactile_fem.path.pieces import Piece
 from tactile_fem.path.recording import COLUMNS, LOADS, PLACES, TURNS, Frame, Recording
@@ -63,11 +63,12 @@ class Follow(Frame, _OfFile):
     def first_pose(self) -> tuple[Array, Array]:
         """Return the first place, (3,) in mm, and rotation vector, (3,) in rad."""
         recorded = self.recorded
-        depth_mm = recorded.pressed_mm(0.5, 1)
-        if (depth_mm < 0 or depth_mm > _DEEPEST_MM) and not {*TURNS} & {*recorded.names}:
+        depth_mm, is_turned = recorded.pressed_mm(), {*TURNS} & {*recorded.names}
+        if not is_turned and (depth_mm < 0 or depth_mm > _DEEPEST_MM):
             raise StudyError(
-                f"protocol.path: the body in {self.file} is {depth_mm:.4g} mm deep where fz_N "
-                "presses, so z_mm is not 0 at the first touch: set contact_N or contact_s."
+                f"protocol.path: the body in {self.file} is {depth_mm:.3g} mm deep where fz_N"
+                f' presses. If the sign of z_mm is wrong, change moves, which is "{self.moves}"; if it is '
+                "not 0 at the first touch, set contact_N or contact_s."
             )
         return recorded.of(PLACES)[0], np.radians(recorded.of(TURNS)[0])
 
@@ -125,6 +126,11 @@ class Follow(Frame, _OfFile):
         if not self.hold:
             return None
         loads = recorded.of(LOADS)
+        if "fz_N" in self.hold and (least_N := loads[1:, NORMAL].min()) <= 0:
+            raise StudyError(
+                f"protocol.path: fz_N in {self.file} goes down to {least_N:.3g} but is named in "
+                "hold: press first, and keep only the rows in contact."
+            )
 
         def at(t: float, start: Array) -> Array:
             return _at(t, times, np.vstack([start, loads[1:]]))

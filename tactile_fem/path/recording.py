@@ -70,12 +70,11 @@ class Recording:
         smooth[:, 3:6] = self.values[:, 3:6]  # rotation vectors may jump
         return replace(self, smooth=smooth)
 
-    def pressed_mm(self, low: float, high: float) -> float:
-        """Return the mean Z where the normal force has shares of its largest; NaN for nowhere."""
+    def pressed_mm(self) -> float:
+        """Return the mean Z where the normal force is above half its largest; NaN without it."""
         force, height = self.of(["fz_N", "z_mm"]).T
-        share = force / force.max(initial=1e-9) * (_sign(force) > -_REVERSED)
-        rows = (share >= low) & (share <= high)
-        return float(height[rows].mean()) if rows.any() else np.nan
+        is_known = {"fz_N", "z_mm"} <= {*self.names} and _sign(force) > -_REVERSED
+        return float(height[force > force.max() / 2].mean()) if is_known else np.nan
 
     def against_motion(self) -> list[str]:
         """Return the tangential forces that do negative work, while friction's is positive."""
@@ -118,27 +117,25 @@ class Frame(Settings):
         where, recorded = f"{start}: {file}", self._turned(read_recording(file, start), start)
         if smooth_s is not None:
             recorded = recorded.smoothed(smooth_s)
-        free_mm = recorded.pressed_mm(-0.1, 0.1) - 0.1 * np.ptp(recorded.of(["z_mm"]))
-        pulls = _sign(recorded.of(["fz_N"])) < _REVERSED
-        if pulls or recorded.pressed_mm(0.5, 1) < free_mm:
-            name, key = ("fz_N", "forces_on") if pulls else ("z_mm", "moves")
+        if _sign(recorded.values[:, 8]) < _REVERSED:
             raise StudyError(
-                f"{where}: the sign of {name} is wrong, for the body must press the finger, and "
-                f"rise to do so: change {key}, which is {getattr(self, key)}, or axes."
+                f"{where}: the sign of fz_N is wrong, for a body cannot pull at the finger: change "
+                f'forces_on, which is "{self.forces_on}", or axes.'
             )
         time_s, force, at = recorded.time_s, recorded.values[:, 8], self.contact_s
         if self.contact_N is not None:
             z = recorded.of(["z_mm"])[:, 0] + 1e-9 * time_s  # rises also without z_mm
             levels = np.array([1, 4]) * (self.contact_N if at is None else np.nan)
             at_s = np.interp(levels, np.maximum.accumulate(force), time_s, np.nan, np.nan)
-            touch_mm = np.interp(at_s, time_s, z) @ [2, -1]  # force grows as depth squared
-            at = np.interp(touch_mm, np.maximum.accumulate(z), time_s, np.nan, np.nan)
+            near, deep = np.interp(at_s, time_s, z)  # force grows as depth squared
+            at = float(np.interp(2 * near - deep, np.maximum.accumulate(z), time_s, np.nan, np.nan))
         if at is None:
             return recorded
         if not time_s[0] <= at <= time_s[-1]:
             raise StudyError(
-                f"{where} lasts from {time_s[0]:g} to {time_s[-1]:g} s and reaches fz_N = "
-                f"{force.max():.3g}: set contact_s, or contact_N to a quarter of it at most."
+                f"{where} has no contact from {time_s[0]:g} to {time_s[-1]:g} s, and up to "
+                f"{force.max():.3g} N: set contact_s, or contact_N to a quarter of that at most; "
+                f'if the sign of z_mm is wrong, change moves, which is "{self.moves}".'
             )
         rows, shift = recorded.of(PLACES).T, np.zeros_like(recorded.values)
         shift[:, :3] = x, y, _ = [np.interp(at, time_s, row) for row in rows]
