@@ -166,7 +166,7 @@ def test_what_smoothing_removes_is_logged_and_not_compared(tmp_path, caplog):
         (
             reversed_(PLACES),
             {},
-            r"-1 mm deep where fz_N presses\. If the sign of z_mm is wrong, change moves, w",
+            r'presses, the body is -1 mm deep: change moves, which is "body", if z_mm has the wrong',
         ),
         (
             BODY,
@@ -176,7 +176,7 @@ def test_what_smoothing_removes_is_logged_and_not_compared(tmp_path, caplog):
         (
             in_the_lab(),
             LAB,
-            r"is -20\.7 mm deep where .* at the first touch, set contact_N or contact_s",
+            r"is -20\.7 mm deep: .*; set contact_N or contact_s if it is not 0 at the first touch",
         ),
         (BODY, {"hold": ("fz_N",)}, r"fz_N .*csv goes down to 0 but is named in hold: press first"),
         (

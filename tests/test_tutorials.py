@@ -34,6 +34,12 @@ SHORT = {
         "force_N=0.3": "force_N=0.02",
         "spacing_mm = 0.05": "spacing_mm = 0.1",
     },
+    "stroke": {
+        "depth_mm = 1.4": "depth_mm = 0.3",
+        "0.15 * np.maximum": "3.0 * np.maximum",
+        "[0, 8.0]": "[0, 0.4]",
+        "smooth_s=0.05": "smooth_s=0.05, output_s=0.3",
+    },
     "fit": {
         "np.linspace(0.02, 1.5, 75)": "np.linspace(0.1, 0.3, 3)",
         "1.0, 0.03, 75": "1.0, 0.03, 3",
@@ -144,6 +150,16 @@ def test_a_surface_slides_at_its_force(short):
     # The file has the shapes that were drawn in Python.
     areas = [sum(shape.area for shape in short[name].outlines()) for name in ("drawn", "from_file")]
     assert areas[0] == pytest.approx(areas[1], rel=0.01)
+
+
+@runs("stroke")
+def test_a_stroke_is_repeated_and_compared(short):
+    depth, force = short["result"].trace.depth_mm, short["result"].trace.force_N
+    assert depth.max() == pytest.approx(0.3, abs=0.05)
+    pressed = depth > 0.25
+    assert 0 < force[pressed, 2].mean() < 0.1 and force[pressed, 1].min() < 0
+    header = (short["result"].folder / "measured.csv").read_text().partition("\n")[0]
+    assert header == "time_s,fy_N,model_fy_N,fx_N,model_fx_N,fz_N,model_fz_N"
 
 
 @runs("fit")

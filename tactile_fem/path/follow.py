@@ -66,9 +66,9 @@ class Follow(Frame, _OfFile):
         depth_mm, is_turned = recorded.pressed_mm(), {*TURNS} & {*recorded.names}
         if not is_turned and (depth_mm < 0 or depth_mm > _DEEPEST_MM):
             raise StudyError(
-                f"protocol.path: the body in {self.file} is {depth_mm:.3g} mm deep where fz_N"
-                f' presses. If the sign of z_mm is wrong, change moves, which is "{self.moves}"; if it is '
-                "not 0 at the first touch, set contact_N or contact_s."
+                f"protocol.path: where fz_N in {self.file} presses, the body is {depth_mm:.3g} mm "
+                f'deep: change moves, which is "{self.moves}", if z_mm has the wrong sign; set '
+                "contact_N or contact_s if it is not 0 at the first touch."
             )
         return recorded.of(PLACES)[0], np.radians(recorded.of(TURNS)[0])
 
