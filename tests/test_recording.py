@@ -166,7 +166,7 @@ def test_what_smoothing_removes_is_logged_and_not_compared(tmp_path, caplog):
         (
             reversed_(PLACES),
             {},
-            r'presses, the body is -1 mm deep: change moves, which is "body", if z_mm has the wrong',
+            r'presses, the body is -1 mm deep: change moves, which is "body", if z_mm has',
         ),
         (
             BODY,

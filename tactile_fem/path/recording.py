@@ -60,7 +60,7 @@ class Recording:
 
         since_s = self.time_s - self.time_s[0]
         count = int(min(np.ceil(_KNOTS * since_s[-1] / period_s), 2 * len(since_s)))
-        at = np.clip(since_s / since_s[-1] * count, 0, count)
+        at = since_s / since_s[-1] * count
         basis = interpolate.BSpline.design_matrix(at, np.arange(-3.0, count + 4), 3)
         weighted = basis.T @ sparse.diags_array(np.gradient(at))
         bend = sparse.diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(count + 1, count + 3))
@@ -108,9 +108,9 @@ class Frame(Settings):
         ("x", "y", "z"), description="its axes along X (across), Y (to the tip) and Z (to the nail)"
     )
     contact_N: Positive | None = Field(
-        None, description="force above the noise; where z_mm is 0 follows from it and 4 times it"
+        None, description="normal force above the noise: the first touch is extrapolated from it"
     )
-    contact_s: Finite | None = Field(None, description="time of the first touch, instead")
+    contact_s: Finite | None = Field(None, description="its time instead; with neither, z_mm = 0")
 
     def read(self, file: Path, start: str, smooth_s: float | None = None) -> Recording:
         """Return places of the body, from the contact, and forces on the finger, in its axes."""
@@ -127,7 +127,9 @@ class Frame(Settings):
             z = recorded.of(["z_mm"])[:, 0] + 1e-9 * time_s  # rises also without z_mm
             levels = np.array([1, 4]) * (self.contact_N if at is None else np.nan)
             at_s = np.interp(levels, np.maximum.accumulate(force), time_s, np.nan, np.nan)
-            near, deep = np.interp(at_s, time_s, z)  # force grows as depth squared
+            near, deep = np.interp(
+                at_s, time_s, z
+            )  # if force grows as depth squared, twice as deep
             at = float(np.interp(2 * near - deep, np.maximum.accumulate(z), time_s, np.nan, np.nan))
         if at is None:
             return recorded

@@ -29,4 +29,4 @@ class Output(Settings):
         description="a CSV file with columns as of a piece follow, which is compared with the scan "
         "in all that the path does not take from it",
     )
-    measured_frame: Frame | None = Field(None, description="of a file that no piece follows")
+    measured_frame: Frame | None = Field(None, description="moves to contact_s, if not followed")
