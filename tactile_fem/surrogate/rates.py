@@ -46,16 +46,17 @@ class Rates:
             share = columns.get(name, np.full(len(trace), np.nan))
             outside = np.average(np.isnan(share[1:]), weights=np.diff(columns["clock_s"]))
             known = np.nanmax(share) if outside < _MOST_OUTSIDE else np.nan
-            found.append(known * (rates if name == "mean_rate_error" else rates[rates > 0]).mean())
+            fires = rates > 0 if name == "rate_error" else np.ones_like(rates)
+            found.append(known * rates.sum() / max(np.sum(fires), 1))
         return np.array(found)
 
     def alike(self) -> str | None:
         """Return in a sentence which mean rates differ by less than their error, or None."""
         mean, error = self.rate_Hz.mean(axis=1), self.error_Hz()
-        if np.isnan(error).any():
+        if unknown := [name for name, one in zip(self.traces, error, strict=True) if np.isnan(one)]:
             return (
-                "the errors of the rates are unknown: the fast finger answers beyond what it was "
-                "made from, or its file is an older one and must be made anew"
+                f"the errors of the rates on {', '.join(unknown)} are unknown: the fast finger "
+                "answers beyond what it was made from, or its file is older and must be made anew"
             )
         pairs = [
             f"{one} and {other} ({abs(mean[a] - mean[b]):.1f} of {limit:.1f} spikes/s)"
@@ -67,9 +68,9 @@ class Rates:
 
     @styled
     def figure(self) -> Figure:
-        """Draw the rates across the finger, means at one X, with the error of one afferent as a band.
+        """Draw the rates across the finger, with the error of one afferent as a band.
 
-        The legend has the mean of all, and its error.
+        Receptors at the same X are averaged. The legend has the mean of all, with its error.
         """
         figure = Figure(figsize=_SIZE_INCHES, layout="constrained")
         axes, errors = figure.subplots(), (self.error_Hz(), self.error_Hz("rate_error"))

@@ -306,7 +306,7 @@ def _learnt(name: str, x: Array, y: Array, scale: Array) -> Network:
 
 
 def errors_of(finger: FastFinger, tests: Sequence[Results]) -> dict[str, float]:
-    """Return the errors beside scans of the `TEST_KINDS`, as shares; root mean squares of the scans.
+    """Return the errors beside scans of the `TEST_KINDS`: shares, root mean squares of the scans.
 
     Normal force: mean error over the mean. SED: rms error over the largest value, and the
     correlation of the histories of receptors with a fifth of it or more. Rates, of each kind:
