@@ -1,6 +1,7 @@
 """What is too steep and sharp for the skin's facets is told, whatever body it is."""
 
 import logging
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -8,9 +9,22 @@ from needs import needs_gmsh
 
 from tactile_fem.cli.app import main
 from tactile_fem.simulation.checks import warn_if_sharp
-from tactile_fem.stimulus.check import too_sharp
+from tactile_fem.stimulus.check import too_fine, too_sharp
 from tactile_fem.stimulus.relief import Relief
-from tactile_fem.study import Braille, Dots, Edge, Finger, Grating, Protocol, Sphere, Surface, Text
+from tactile_fem.study import (
+    Braille,
+    Cylinder,
+    Dots,
+    Drawing,
+    Edge,
+    Finger,
+    Grating,
+    Plate,
+    Protocol,
+    Sphere,
+    Surface,
+    Text,
+)
 
 STEP_MM = 0.02
 AT = STEP_MM * (np.arange(300) - 149.5)
@@ -29,6 +43,15 @@ def plus(tmp_path_factory):
 
 def surface(file, **keys):
     return Surface(file=file, spacing_mm=STEP_MM, **{"unit_mm": 0.5, **keys})
+
+
+@dataclass(frozen=True)
+class Own:
+    """A script's body: ripples 2 mm long and 0.4 mm high."""
+
+    def distance(self, points):
+        waves = Relief.of(0.2 * np.cos(np.pi * AT)[None, :] + 0 * AT[:, None], [STEP_MM] * 2)
+        return waves.distance(points)
 
 
 def radius_in(sentence):
@@ -79,6 +102,44 @@ def test_every_body_is_judged(smooth, sharp, across):
     assert too_sharp(smooth.body(), low, high, facet_mm=1.0) is None
     if across or getattr(sharp, "along", "x") == "x":
         assert radius_in(too_sharp(sharp.body(), low, high, facet_mm=1.0)) < 0.03
+
+
+@pytest.mark.parametrize(
+    ("body", "share"),
+    [
+        (Braille().body(), 87),
+        (Dots().body(), 92),
+        (Grating().body(), 85),
+        (Text(text="FGH").body(), 81),
+        (Sphere(radius_mm=1.0).body(), 77),
+        (Drawing(polygons=[[(-1, -1), (1, -1), (1, 1), (-1, 1)]], relief_mm=0.5).body(), 73),
+        (Own(), 99),
+    ],
+)
+def test_what_is_shorter_than_two_facets_is_said_of_every_body(body, share):
+    assert too_fine(body, *BOX, 1.0) is None
+    said = too_fine(body, *BOX, 3.0)
+    assert f"shorter than 6 mm make up {share} %" in said
+    finer = float(said.split("at most ")[1].split()[0])
+    assert 1 <= finer < 3 and too_fine(body, *BOX, 0.9 * finer) is None
+
+
+@pytest.mark.parametrize(
+    "body", [Plate(), Sphere(), Cylinder(), Edge(), Grating(ridge_mm=6.0, groove_mm=6.0)]
+)
+def test_wide_bodies_suit_any_facets(body):
+    for across in (1.0, 0.0):
+        assert too_fine(body.body(), BOX[0] * [across, 1], BOX[1] * [across, 1], 3.0) is None
+
+
+def test_one_warning_is_logged(caplog):
+    finger, path = Finger(pad_size_mm=3.0, far_size_mm=6.0).mesh(), Protocol().route(2.0)
+    with caplog.at_level(logging.WARNING):
+        warn_if_sharp(Braille().body(), path, finger)
+        warn_if_sharp(Text(text="E", fillet_radius_mm=0.02).body(), path, finger)
+    fine, sharp = caplog.messages
+    assert "facets of 3 mm cannot follow it" in fine and "choose a finer mesh" in fine
+    assert "is steep at" in sharp
 
 
 def test_the_warning_says_where_and_what_helps(plus, caplog):

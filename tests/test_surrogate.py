@@ -1,5 +1,6 @@
 """The finger in milliseconds: each part against exact answers, and the shipped one."""
 
+import logging
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +24,7 @@ from tactile_fem.surrogate.contact import (
 )
 from tactile_fem.surrogate.heights import Grid, disc
 from tactile_fem.surrogate.networks import Network, Overview, View, mirror_of_view
-from tactile_fem.surrogate.random_scans import DEEPEST_MM, _drawn, random_scan
+from tactile_fem.surrogate.random_scans import DEEPEST_MM, TEST_KINDS, _drawn, random_scan
 from tactile_fem.surrogate.reduce import check_reducible
 
 SHIPPED = Path(__file__).parents[1] / "meshes" / "fast_finger.npz"
@@ -466,7 +467,126 @@ def test_files_of_other_arrays_are_refused(toy, tmp_path, name):
             FastFinger.read(tmp_path / "other.npz")
 
 
+# --- its errors -----------------------------------------------------------------------------------
+
+ERRORS = {
+    "normal_force": 0.05,
+    "sed_rms": 0.03,
+    "rate_letters": 0.1,
+    "mean_rate_letters": 0.02,
+    "rate_dots": 0.2,
+    "mean_rate_dots": 0.01,
+}
+
+
+@pytest.fixture(scope="module")
+def firing(toy, study) -> FastFinger:
+    """The toy with afferents that a toy makes fire, and known errors."""
+    return replace(toy, made_from={"study": study.model_dump(mode="json")}, errors=ERRORS)
+
+
+def test_a_trace_states_the_errors_of_its_finger(firing):
+    trace = firing.scan(bumps(), route(*PRESS_AND_SLIDE)).arrays()
+    assert trace["force_error_N"] == pytest.approx(0.05 * trace["force_N"][:, 2])
+    assert trace["sed_error_kPa"][1:] == pytest.approx(0.03 * trace["sed_kPa"].max())
+    assert trace["rate_error"][1:] == pytest.approx(0.2)  # that of the worst kind
+    assert trace["mean_rate_error"][1:] == pytest.approx(0.02)
+
+
+def test_no_error_is_known_beyond_what_a_finger_was_made_from(firing):
+    trace = firing.scan(flat(), route(Press(depth_mm=0.5), Slide(by_mm=(0.5, 0.0)))).arrays()
+    for name in ("force_error_N", "sed_error_kPa", "rate_error", "mean_rate_error"):
+        assert np.array_equal(np.isnan(trace[name]), trace["is_outside"] == 1), name
+
+
+def stroked(finger: FastFinger, **frictions: float) -> dict:
+    """Traces of a bumpy surface, by name."""
+    path = route(*PRESS_AND_SLIDE)
+    return {name: finger.scan(bumps(), path, friction=mu) for name, mu in frictions.items()}
+
+
+def test_rates_that_differ_by_less_than_their_error_are_named(firing, caplog):
+    traces = stroked(firing, one=0.3, same=0.3)
+    corner = np.full((41, 41), -2.0)
+    corner[0, 0] = 0.0  # 14 mm off
+    silent = firing.scan(HeightMap.of_array(corner, 0.5), route(*PRESS_AND_SLIDE))
+    with caplog.at_level(logging.WARNING):
+        rates = firing.rates({**traces, "silent": silent})
+    (said,) = caplog.messages
+    mean = rates.rate_Hz.mean(axis=1)
+    assert mean[0] == mean[1] > mean[2] == 0
+    assert rates.error_Hz() == pytest.approx(0.02 * mean)
+    assert rates.error_Hz("rate_error")[0] == pytest.approx(0.2 * mean[0])
+    limit = np.sqrt(2) * 0.02 * mean[0]
+    assert said == (
+        "rates differ by less than the error of the fast finger: "
+        f"one and same (0.0 of {limit:.1f} spikes/s)."
+    )
+    caplog.clear()
+    firing.rates({"one": traces["one"], "silent": silent})
+    assert not caplog.messages
+
+
+def test_errors_of_rates_that_are_not_known_are_said(firing, caplog):
+    older = replace(firing, errors={"normal_force": 0.05})
+    with caplog.at_level(logging.WARNING):
+        older.rates(stroked(older, one=0.3))
+    assert "must be made anew" in caplog.text
+
+
+def test_a_figure_has_the_errors_as_bands(firing):
+    rates = firing.rates(stroked(firing, rough=0.5, smooth=0.0))
+    figure = rates.figure()
+    (axes,), (legend,) = figure.axes, figure.legends
+    mean, error = rates.rate_Hz.mean(axis=1), rates.error_Hz()
+    assert [text.get_text() for text in legend.get_texts()] == [
+        f"{name}: {mean[k]:.1f} ± {error[k]:.1f} spikes/s" for k, name in enumerate(rates.traces)
+    ]
+    band = axes.collections[0].get_paths()[0].vertices[:, 1]
+    assert band.max() == pytest.approx(rates.rate_Hz[0].max() + rates.error_Hz("rate_error")[0])
+
+
+def test_a_scan_beside_itself_has_no_errors(firing, finished, tmp_path, monkeypatch):
+    from tactile_fem import Results, Trace
+    from tactile_fem.surrogate.reduce import errors_of
+
+    (tmp_path / "dots-0001").symlink_to(finished.folder)
+    scan = Results(tmp_path / "dots-0001")
+    monkeypatch.setattr(FastFinger, "scan", lambda *given, **keys: Trace.read(scan.trace))
+    same = {"normal_force": 0.0, "sed_rms": 0.0, "rate_dots": 0.0, "mean_rate_dots": 0.0}
+    assert errors_of(firing, [scan]) == {**same, "sed_correlation": 1.0}
+    stronger = {**scan.trace, "sed_kPa": 1.2 * scan.trace["sed_kPa"]}
+    monkeypatch.setattr(FastFinger, "scan", lambda *given, **keys: Trace.read(stronger))
+    found = errors_of(firing, [scan, scan])
+    assert found["sed_rms"] > 0.02 and found["mean_rate_dots"] > 0.05
+    assert found["rate_dots"] >= found["mean_rate_dots"] and found["sed_correlation"] == 1
+
+
 # --- making one -----------------------------------------------------------------------------------
+
+
+def test_one_scan_in_eight_tests_one_of_the_kinds(monkeypatch):
+    pytest.importorskip("sklearn")
+    from tactile_fem.surrogate import reduce as learning
+
+    monkeypatch.setattr(learning, "random_scan", lambda study, *drawn: drawn)
+    drawn = learning.wanted_scans(Study(), 40)
+    assert drawn[::8] == [*enumerate(TEST_KINDS), (4, "letters")]
+    assert [one for k, one in enumerate(drawn) if k % 8] == [(k,) for k in range(40) if k % 8]
+
+
+def test_what_tests_a_finger_is_what_people_scan():
+    studies = {kind: _drawn(Study(), 3, kind) for kind in TEST_KINDS}
+    kinds = {name: study.stimulus.kind for name, study in studies.items()}
+    assert kinds == {
+        "letters": "text",
+        "dots": "dots",
+        "gratings": "grating",
+        "textures": "drawing",
+    }
+    assert studies["dots"] == _drawn(Study(), 3, "dots") != _drawn(Study(), 4, "dots")
+    for study in studies.values():
+        assert 1 <= study.protocol.depth_mm <= 2 and study.protocol.distance_mm == 10
 
 
 def test_random_scans_are_drawn_by_number():
@@ -650,6 +770,12 @@ def test_the_shipped_finger_feels_a_letter_as_a_full_scan_did(shipped):
     middle = int(np.abs(trace.receptors_mm[:, 0]).argmin())
     assert trace.displacement_mm[trace.sed_kPa[:, middle].argmax()] == pytest.approx(6.5, abs=0.4)
     assert sum(map(len, shipped.respond(trace).spikes)) == pytest.approx(1372, rel=0.1)
+
+
+def test_the_shipped_finger_knows_its_errors(shipped):
+    """Of rates of one afferent and of the mean of all, on each kind of surface."""
+    for kind in TEST_KINDS:
+        assert 0.01 < shipped.errors[f"mean_rate_{kind}"] < shipped.errors[f"rate_{kind}"] < 0.3
 
 
 @pytest.mark.parametrize("force_N", [0.03, 0.1, 0.5])

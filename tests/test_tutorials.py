@@ -29,6 +29,8 @@ SHORT = {
         "deformation_*": "raster*",  # the others are drawn in a process of their own
     },
     "surface": {
+        "import Drawing, Protocol": "import Drawing, Finger, Protocol",
+        "study = Study(": "study = Study(finger=Finger(pad_size_mm=3.0, far_size_mm=6.0),",
         "preview(study)\n": "preview(study)\ndrawn = study.stimulus\n",
         "distance_mm=6.0": "distance_mm=0.1",
         "force_N=0.3": "force_N=0.02",

@@ -22,7 +22,7 @@ from tactile_fem.results.measured import check_measured
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.body import Array
-from tactile_fem.stimulus.check import check_body, check_lipschitz, miss, too_sharp
+from tactile_fem.stimulus.check import check_body, check_lipschitz, miss, too_fine, too_sharp
 from tactile_fem.study import Plate, Solver, Study, Tissue
 
 if TYPE_CHECKING:
@@ -331,8 +331,9 @@ def warn_if_missed(body: RigidBody, path: Path, finger: FingerMesh) -> None:
 
 
 def warn_if_sharp(body: RigidBody, path: Path, finger: FingerMesh) -> None:
-    """Warn of edges of the body on its way that are too sharp for the skin's facets."""
+    """Warn if the body on its way is too sharp or too fine for the skin's facets."""
     poses = np.hstack([path.places_mm(), path.turns_rad()])
     box = _touched(finger, poses[:: 1 + len(poses) // _MAX_POSES])
-    if box and (sharp := too_sharp(body, *box, finger.facet_size_mm)):
-        logger.warning("stimulus: %s.", sharp)
+    size_mm = finger.facet_size_mm
+    if box and (said := too_sharp(body, *box, size_mm) or too_fine(body, *box, size_mm)):
+        logger.warning("stimulus: %s.", said)

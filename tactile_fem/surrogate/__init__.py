@@ -7,13 +7,19 @@ from tactile_fem.runtime.lazy import lazily
 if TYPE_CHECKING:
     from tactile_fem.surrogate.fast_finger import FastFinger, Loop
     from tactile_fem.surrogate.heights import HeightMap
+    from tactile_fem.surrogate.rates import Rates
     from tactile_fem.surrogate.stepping import BodyState
 
-__all__ = ["BodyState", "FastFinger", "HeightMap", "Loop"]
+__all__ = ["BodyState", "FastFinger", "HeightMap", "Loop", "Rates"]
 
 _find = lazily(
     __name__,
-    {"fast_finger": ["FastFinger", "Loop"], "heights": ["HeightMap"], "stepping": ["BodyState"]},
+    {
+        "fast_finger": ["FastFinger", "Loop"],
+        "heights": ["HeightMap"],
+        "rates": ["Rates"],
+        "stepping": ["BodyState"],
+    },
 )
 
 

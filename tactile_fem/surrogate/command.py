@@ -59,10 +59,7 @@ def reduce(
     module = with_mechanics("tactile_fem.surrogate.reduce", 1)
     if list_:
         return list_scans(module.wanted_scans(the_study, scans), results)
-    if collect:
-        finger = module.collect_finger(the_study, results, scans=scans)
-    else:
-        finger = module.reduce_finger(the_study, results, scans=scans, jobs=jobs)
+    finger = module.reduce_finger(the_study, results, scans=scans, jobs=jobs, collect=collect)
     finger.write(output)
     for name, value in finger.errors.items():
         print(f"{name}: {value:g}")

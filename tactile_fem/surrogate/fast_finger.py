@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path as File
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,13 +37,17 @@ from tactile_fem.surrogate.networks import (
     Network,
     Overview,
     View,
+    columns_of,
     mirror_of_view,
 )
 from tactile_fem.surrogate.stepping import BodyState, along, trace_of
 
-Array = NDArray[Any]
+if TYPE_CHECKING:
+    from tactile_fem.surrogate.rates import Rates
 
-_WIDTHS = tuple(np.size(each.rest) for each in STANDARD)
+Array = NDArray[Any]
+logger = logging.getLogger(__name__)
+
 # Share of the range of what it was made from that a value may lie beyond it.
 _BEYOND = 0.05
 # A finger with one of these counts as one that is not its own mirror image.
@@ -195,7 +200,9 @@ class FastFinger:
         """Return what a full scan of a body along a path would return, in milliseconds.
 
         The trace has the names of a scan's; what it does not know is NaN, and ``is_outside`` is 1
-        where the finger answers beyond what it was made from.
+        where the finger answers beyond what it was made from. Elsewhere its `errors` are stated:
+        ``force_error_N`` (normal), ``sed_error_kPa``, and those of rates, as shares, on the worst
+        kind of surface, ``rate_error`` (of an afferent) and ``mean_rate_error`` (of all).
 
         Raises
         ------
@@ -231,13 +238,28 @@ class FastFinger:
             return [
                 self.scan(body, path, friction=mu, receptors_mm=receptors_mm) for body, mu in each
             ]
-        rows, states = zip(*along(path, loop), strict=True)
-        return [trace_of(rows, states, k, loop.receptors_mm, path) for k in range(len(maps))]
+        steps = list(along(path, loop))
+        same = loop.receptors_mm, path, self.errors
+        return [trace_of(steps, k, *same) for k in range(len(maps))]
 
     def respond(self, trace: Trace) -> Response:
         """Return the spikes of the study's afferents at the receptors of a trace."""
         populations = [afferents.population() for afferents in self.study.populations]
         return fire_all(populations, trace.arrays())
+
+    def rates(self, traces: Mapping[str, Trace]) -> Rates:
+        """Return the mean rates on surfaces by name, with their errors; warn of what is alike."""
+        from tactile_fem.surrogate.rates import Rates  # Matplotlib takes a while
+
+        found = Rates(traces, np.array([self.mean_rates(each) for each in traces.values()]))
+        if said := found.alike():
+            logger.warning("%s.", said)
+        return found
+
+    def mean_rates(self, trace: Trace) -> Array:
+        """Return the rates of the afferents from the end of the indentation on, spikes/s."""
+        response = self.respond(trace)
+        return response.mean_rate(0.0 if response.end_s > 0 else response.start_s, response.end_s)
 
 
 class Loop:
@@ -304,7 +326,7 @@ class Loop:
         force = np.where(touches[:, None], whole[:, :3] * patch.normal_N[:, None], 0.0)
         area = np.where(touches, np.maximum(whole[:, 3], 0.0), 0.0)
         force[:, 2] = np.maximum(force[:, 2], 0.0)
-        values = values.astype(float).reshape(self._count, len(self.receptors_mm), sum(_WIDTHS))
+        values = values.astype(float).reshape(self._count, len(self.receptors_mm), -1)
         felt = columns_of(values)
         for each in STANDARD:
             felt[each.name][~touches] = each.at_rest(len(self.receptors_mm))
@@ -378,20 +400,3 @@ def _in_space(finger: FastFinger, receptors_mm: ArrayLike | None) -> Array:
     check_taught(places)
     unknown = np.full((len(places), 3 - places.shape[1]), np.nan)
     return np.concatenate([places, unknown], axis=1)
-
-
-def columns_of(values: Array) -> dict[str, Array]:
-    """Return the columns of every trace from outputs (..., outputs) of the receptors' network."""
-    found, parts = {}, np.split(values, np.cumsum(_WIDTHS)[:-1], axis=-1)
-    for each, part in zip(STANDARD, parts, strict=True):
-        found[each.name] = part[..., 0] if np.ndim(each.rest) == 0 else part
-    # The network's first output is the root of the energy density, which is nearly linear.
-    found["sed_kPa"] = np.maximum(found["sed_kPa"], 0.0) ** 2
-    return found
-
-
-def outputs_of(trace: Mapping[str, Array]) -> Array:
-    """Return the outputs (rows, receptors, outputs) that the receptors' network should give."""
-    columns = [np.asarray(trace[each.name], dtype=float) for each in STANDARD]
-    columns[0] = np.sqrt(np.maximum(columns[0], 0.0))
-    return np.concatenate([c.reshape(*columns[0].shape, -1) for c in columns], axis=-1)

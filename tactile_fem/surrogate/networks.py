@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from tactile_fem.neuron import STANDARD
 from tactile_fem.surrogate.contact import ACROSS, ContactPatch, Pad
 from tactile_fem.surrogate.heights import Grid, disc
 
@@ -91,6 +92,7 @@ _PRESSURES_PER_MPA = 100.0  # scale of a pressure
 # Places of the means that the network of the whole finger sees.
 _COARSE_MM = 2.0
 _AREA_MM2 = 100.0  # scale of an area
+_WIDTHS = tuple(np.size(each.rest) for each in STANDARD)  # of outputs
 # Largest |X| and |Y| of receptors that scans teach.
 TAUGHT_MM = np.array([5.5, 6.0])
 # Signs of the networks' outputs if all is mirrored in X: moved_mm and force_N change along it.
@@ -194,3 +196,20 @@ class Overview:
         order = np.concatenate([coarse, len(coarse) + np.arange(2 + len(ACROSS))])
         flips = np.concatenate([np.zeros(len(coarse) + 2, bool), ACROSS])
         return order, np.where(flips, -1.0, 1.0).astype(np.float32)
+
+
+def columns_of(values: Array) -> dict[str, Array]:
+    """Return the columns of every trace from outputs (..., outputs) of the receptors' network."""
+    found, parts = {}, np.split(values, np.cumsum(_WIDTHS)[:-1], axis=-1)
+    for each, part in zip(STANDARD, parts, strict=True):
+        found[each.name] = part[..., 0] if np.ndim(each.rest) == 0 else part
+    # The network's first output is the root of the energy density, which is nearly linear.
+    found["sed_kPa"] = np.maximum(found["sed_kPa"], 0.0) ** 2
+    return found
+
+
+def outputs_of(trace: Mapping[str, Array]) -> Array:
+    """Return the outputs (rows, receptors, outputs) that the receptors' network should give."""
+    columns = [np.asarray(trace[each.name], dtype=float) for each in STANDARD]
+    columns[0] = np.sqrt(np.maximum(columns[0], 0.0))
+    return np.concatenate([c.reshape(*columns[0].shape, -1) for c in columns], axis=-1)

@@ -1,4 +1,4 @@
-"""The scans that a surrogate learns from: random shapes along random paths, drawn by number."""
+"""The scans that a surrogate learns from, and those that test it; all are drawn by number."""
 
 from __future__ import annotations
 
@@ -30,11 +30,18 @@ _SALT = 7
 # A drawing whose corners cannot be rounded is drawn again, so often at most.
 _DRAWS, _NEXT_DRAW = 20, 1000
 
+# What tests a surrogate: its kinds, depths and letters.
+TEST_KINDS = ("letters", "dots", "gratings", "textures")
+_DEPTHS_MM = (1.0, 2.0)
+_LETTERS = "ABCDEFGHJKLMNOPQRSTUVWXYZ"
+
 Random = np.random.Generator
 
 
-def random_scan(study: Study, number: int) -> Member:
+def random_scan(study: Study, number: int, kind: str = "lesson") -> Member:
     """Return a scan of a study's finger, with a body, path, friction and receptors of its number.
+
+    Of the `TEST_KINDS`, it tests what has learnt from others: it slides along the finger.
 
     Raises
     ------
@@ -42,21 +49,27 @@ def random_scan(study: Study, number: int) -> Member:
         No body can be made, or the study is not that of a solid finger with one population.
     """
     for k in range(_DRAWS):
-        drawn = _drawn(study, number + _NEXT_DRAW * k)
+        drawn = _drawn(study, number + _NEXT_DRAW * k, kind)
         try:
             drawn.stimulus.body()
         except StudyError:
             continue
-        return Member(f"lesson-{number:04d}", drawn, {"number": number})
+        return Member(f"{kind}-{number:04d}", drawn, {"number": number})
     raise StudyError(f"random scan {number}: none of {_DRAWS} bodies could be made.")
 
 
-def _drawn(study: Study, seed: int) -> Study:
-    random = np.random.default_rng([_SALT, seed])
-    friction = _friction(random)
-    path, places = _path(random)
-    stimulus = _stimulus(random, places)
-    stimulus |= {"friction": float(friction), "shift_mm": tuple(map(float, stimulus["shift_mm"]))}
+def _drawn(study: Study, seed: int, kind: str = "lesson") -> Study:
+    protocol: dict[str, Any]
+    if kind in TEST_KINDS:
+        random = np.random.default_rng([_SALT, seed, 1])
+        protocol = {"depth_mm": float(random.uniform(*_DEPTHS_MM)), "output_mm": _OUTPUT_MM}
+        stimulus = {"friction": float(_friction(random)), **_of_kind(random, kind)}
+    else:
+        random = np.random.default_rng([_SALT, seed])
+        friction = float(_friction(random))
+        path, places = _path(random)
+        protocol, stimulus = {"path": path}, _stimulus(random, places) | {"friction": friction}
+        stimulus["shift_mm"] = tuple(map(float, stimulus["shift_mm"]))
     receptors = study.receptors.model_dump(exclude_unset=True) | {
         "placement": "random",
         "count": _RECEPTORS,
@@ -64,8 +77,8 @@ def _drawn(study: Study, seed: int) -> Study:
         "half_width_mm": float(TAUGHT_MM[0]),
         "half_length_mm": float(TAUGHT_MM[1]),
     }
-    own = {"stimulus": stimulus, "protocol": {"path": path}, "receptors": receptors}
     kept = {name: getattr(study, name) for name in ("finger", "tissue", "solver", "neuron")}
+    own = {"stimulus": stimulus, "protocol": protocol, "receptors": receptors}
     return Study.model_validate({**kept, **own, "output": {"pictures": False}})
 
 
@@ -142,10 +155,18 @@ def _drawing(random: Random, low: np.ndarray, high: np.ndarray) -> dict[str, Any
     }
 
 
-def _shapes(random: Random, low: np.ndarray, high: np.ndarray) -> list[shapely.Polygon]:
-    """Return shapes of one style over a rectangle, rounded so that each can be raised."""
-    style = str(random.choice(list(_STYLES)))
-    size, gap = _log_uniform(random, *_SIZES), _log_uniform(random, *_GAPS)
+def _shapes(
+    random: Random, low: np.ndarray, high: np.ndarray, known: tuple[str, float, float] | None = None
+) -> list[shapely.Polygon]:
+    """Return shapes over a rectangle, rounded so that each can be raised.
+
+    They have one style, size and gap, which are drawn if they are not known.
+    """
+    style, size, gap = known or (
+        str(random.choice(list(_STYLES))),
+        _log_uniform(random, *_SIZES),
+        _log_uniform(random, *_GAPS),
+    )
     if style == "bars":
         found = _bars(random, low, high, size, gap)
     else:
@@ -225,3 +246,21 @@ def _heading(random: Random) -> np.ndarray:
 
 def _log_uniform(random: Random, least: float, largest: float) -> float:
     return float(np.exp(random.uniform(np.log(least), np.log(largest))))
+
+
+def _of_kind(random: Random, kind: str) -> dict[str, Any]:
+    """Return the table of a body of the `TEST_KINDS`."""
+    if kind == "letters":
+        return {"kind": "text", "text": str(random.choice(list(_LETTERS)))}
+    if kind == "dots":
+        radius, gap = random.uniform(0.5, 0.9), random.uniform(1.0, 3.5)
+        array = {"spacing_mm": 2 * radius + gap, "columns": 9, "rows": 13}
+        return {"kind": "dots", "radius_mm": radius, **array}
+    if kind == "gratings":
+        ridge, groove = random.uniform(0.8, 3.0, 2).tolist()
+        return {"kind": "grating", "ridge_mm": ridge, "groove_mm": groove, "count": 25}
+    # Small grains of irregular shapes, places and heights.
+    reach = _MARGIN_MM + np.array([0.0, _SLIDE_MM / 2])
+    grains = _shapes(random, -reach, reach, ("blobs", 0.4, 0.8))
+    heights = random.choice([0.15, 0.25, 0.35], len(grains)).tolist()
+    return {"kind": "drawing", "polygons": grains, "relief_mm": heights}

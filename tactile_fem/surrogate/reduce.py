@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import interp1d
 from scipy.optimize import least_squares
 
-from tactile_fem import Results
+from tactile_fem import Results, Trace
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.logs import shown
 from tactile_fem.series import Member, Outcome, collected, run_series
@@ -23,9 +24,7 @@ from tactile_fem.surrogate.contact import WHOLE, ContactPatch, Pad, TangentialRe
 from tactile_fem.surrogate.fast_finger import (
     FastFinger,
     check_taught,
-    columns_of,
     is_symmetric,
-    outputs_of,
 )
 from tactile_fem.surrogate.heights import HeightMap
 from tactile_fem.surrogate.networks import (
@@ -35,23 +34,25 @@ from tactile_fem.surrogate.networks import (
     Overview,
     View,
     mirror_of_view,
+    outputs_of,
     stencil_parts,
 )
-from tactile_fem.surrogate.random_scans import DEEPEST_MM, random_scan
+from tactile_fem.surrogate.random_scans import DEEPEST_MM, TEST_KINDS, random_scan
 
 Array = NDArray[Any]
 
 logger = logging.getLogger(__name__)
 
-# One scan in so many is held out, to state the errors.
+# One scan in so many is held out, to measure the errors.
 _HELD_OUT = 8
 LEAST_SCANS = 2 * _HELD_OUT
 _REACH_MM = 0.05  # pressed skin beyond the deepest place
+_TIMES = 401  # of histories that are compared
 
 
 @shown()
 def reduce_finger(
-    study: Study, folder: Path | str, *, scans: int = 100, jobs: int = 1
+    study: Study, folder: Path | str, *, scans: int = 100, jobs: int = 1, collect: bool = False
 ) -> FastFinger:
     """Return the surrogate of a study's finger, made from scans of random bodies.
 
@@ -64,6 +65,8 @@ def reduce_finger(
         At least 16; some 100 are needed to reach a few per cent.
     jobs
         Scans side by side.
+    collect
+        Whether they have all run elsewhere.
 
     Raises
     ------
@@ -72,13 +75,9 @@ def reduce_finger(
     TactileError
         Fewer than 16 scans succeeded, or scikit-learn is missing.
     """
-    outcomes = run_series(wanted_scans(study, scans), folder, jobs=jobs)
+    wanted = wanted_scans(study, scans)
+    outcomes = collected(wanted, folder) if collect else run_series(wanted, folder, jobs=jobs)
     return learn(study, _complete(outcomes, Path(folder)))
-
-
-def collect_finger(study: Study, folder: Path | str, *, scans: int = 100) -> FastFinger:
-    """Return the surrogate from scans that have run elsewhere; see `reduce_finger`."""
-    return learn(study, _complete(collected(wanted_scans(study, scans), folder), Path(folder)))
 
 
 def wanted_scans(study: Study, scans: int) -> list[Member]:
@@ -91,7 +90,8 @@ def wanted_scans(study: Study, scans: int) -> list[Member]:
     mesh = study.finger.check()
     assert mesh is not None, "this process reads the mesh"
     check_taught(study.lay_out(mesh).positions_mm)
-    return [random_scan(study, number) for number in range(scans)]
+    tests = {_HELD_OUT * k: (k, TEST_KINDS[k % len(TEST_KINDS)]) for k in range(scans)}
+    return [random_scan(study, *tests.get(number, (number,))) for number in range(scans)]
 
 
 def check_reducible(study: Study, scans: int) -> None:
@@ -106,13 +106,14 @@ def check_reducible(study: Study, scans: int) -> None:
 
 
 def learn(study: Study, scans: Sequence[Results]) -> FastFinger:
-    """Return the surrogate learnt from complete scans of a study's finger."""
+    """Return the surrogate learnt from complete scans of a study's finger, and its errors."""
+    tests, lessons = list[Results](), list[Results]()
+    for scan in scans:
+        (tests if kind_of(scan) in TEST_KINDS else lessons).append(scan)
     tables = study.model_dump(mode="json")
     pad, symmetric = pad_of(study, DEEPEST_MM + _REACH_MM), is_symmetric(tables)
-    pad = with_drag(pad.symmetric() if symmetric else pad, scans)
-    learnt = [TrainingScan.of(pad, scan) for scan in scans]
-    held_out = learnt[::_HELD_OUT]
-    taught = [each for k, each in enumerate(learnt) if k % _HELD_OUT]
+    pad = with_drag(pad.symmetric() if symmetric else pad, lessons)
+    taught = [TrainingScan.of(pad, scan) for scan in lessons]
     felt = learn_felt(taught, is_symmetric=symmetric)
     whole = learn_whole(pad, taught, is_symmetric=symmetric)
     mesh = study.finger.check()
@@ -125,10 +126,15 @@ def learn(study: Study, scans: Sequence[Results]) -> FastFinger:
         receptors_mm=study.lay_out(mesh).positions_mm,
         ranges=np.array([measures.min(axis=0), measures.max(axis=0)]),
         made_from={"study": tables, "scans": [s.folder.name for s in scans]},
-        errors=errors_of(felt, whole, held_out),
     )
-    logger.info("of %d scans that were held out: %s", len(held_out), finger.errors)
+    finger = replace(finger, errors=errors_of(finger, tests))
+    logger.info("beside %d scans that were held out: %s", len(tests), finger.errors)
     return finger
+
+
+def kind_of(scan: Results) -> str:
+    """Return what a scan is of: one of the `TEST_KINDS`, or a lesson."""
+    return scan.folder.name.rpartition("-")[0]
 
 
 def _complete(outcomes: Sequence[Outcome], folder: Path) -> list[Results]:
@@ -299,23 +305,37 @@ def _learnt(name: str, x: Array, y: Array, scale: Array) -> Network:
     return Network.scaled(model.coefs_, model.intercepts_, (middle, scale), of_outputs)
 
 
-def errors_of(felt: Network, whole: Network, scans: Sequence[TrainingScan]) -> Mapping[str, float]:
-    """Return the errors in scans that were held out, medians of the scans.
+def errors_of(finger: FastFinger, tests: Sequence[Results]) -> dict[str, float]:
+    """Return the errors beside scans of the `TEST_KINDS`: shares, root mean squares of the scans.
 
     Normal force: mean error over the mean. SED: rms error over the largest value, and the
-    correlation of the histories of receptors with a fifth of it or more.
+    correlation of the histories of receptors with a fifth of it or more. Rates, of each kind:
+    ``rate_…``, rms error of the afferents that fire over their mean; ``mean_rate_…``, error of the
+    mean of all.
     """
-    normal, rms, likeness = [], [], []
-    for scan in scans:
-        force = whole(scan.overview)[:, 2]
-        normal.append(np.abs(force - scan.whole[:, 2]).mean() / scan.whole[:, 2].mean())
-        found = felt(scan.seen.reshape(-1, scan.seen.shape[-1]))
-        guess, true = (
-            columns_of(values)["sed_kPa"] for values in (found.reshape(scan.felt.shape), scan.felt)
+    found: dict[str, list[float]] = {}
+    for scan in tests:
+        full, body = Trace.read(scan.trace), scan.study.stimulus.body()
+        path, places = scan.study.protocol.route(DEEPEST_MM), full.receptors_mm[:, :2]
+        fast = finger.scan(body, path, friction=_friction(scan), receptors_mm=places)
+        times = np.linspace(0.0, full.time_s[-1], _TIMES)  # means are over time, not over steps
+        (force_N, sed), (true_N, true) = (
+            [interp1d(one.time_s, values, axis=0)(times) for values in (one.force_N, one.sed_kPa)]
+            for one in (fast, full)
         )
-        rms.append(np.sqrt(((guess - true) ** 2).mean()) / true.max())
         strong = true.max(axis=0) > 0.2 * true.max()
-        pairs = zip(guess.T[strong], true.T[strong], strict=True)
-        likeness.append(np.median([np.corrcoef(a, b)[0, 1] for a, b in pairs]))
-    named = {"normal_force": normal, "sed_rms": rms, "sed_correlation": likeness}
-    return {name: round(float(np.median(values)), 4) for name, values in named.items()}
+        pairs = zip(sed.T[strong], true.T[strong], strict=True)
+        own = {
+            "normal_force": np.abs(force_N - true_N)[:, 2].mean() / true_N[:, 2].mean(),
+            "sed_rms": np.sqrt(((sed - true) ** 2).mean()) / true.max(),
+            "sed_correlation": np.median([np.corrcoef(a, b)[0, 1] for a, b in pairs]),
+        }
+        rates, true_rates = finger.mean_rates(fast), finger.mean_rates(full)
+        if true_rates.any():
+            fires, kind = (rates + true_rates) > 0, kind_of(scan)
+            rms = np.sqrt(((rates - true_rates)[fires] ** 2).mean())
+            own[f"rate_{kind}"] = rms / true_rates[fires].mean()
+            own[f"mean_rate_{kind}"] = abs(rates.mean() / true_rates.mean() - 1)
+        for name, value in own.items():
+            found.setdefault(name, []).append(float(value))
+    return {name: round(float(np.sqrt(np.mean(np.square(v)))), 4) for name, v in found.items()}

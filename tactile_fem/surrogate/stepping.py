@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -142,9 +142,14 @@ def _times(motion: Motion) -> list[float]:
 
 
 def trace_of(
-    rows: Sequence[Row], states: Sequence[BodyState], body: int, receptors_mm: Array, path: Path
+    steps: Sequence[tuple[Row, BodyState]],
+    body: int,
+    receptors_mm: Array,
+    path: Path,
+    errors: Mapping[str, float],
 ) -> Trace:
-    """Return the trace of one body of the states; the first row is the finger at rest."""
+    """Return the trace of one body, with errors; the first row is the finger at rest."""
+    rows, states = zip(*steps, strict=True)
     count = len(rows)
     columns: dict[str, Array] = {
         column.name: np.full((count, *np.shape(column.rest)), np.nan)
@@ -163,6 +168,15 @@ def trace_of(
         columns[name] = np.array([getattr(state, name)[body] for state in states], dtype=float)
     for name in states[0].felt:
         columns[name] = np.array([state.felt[name][body] for state in states])
+    scales = {
+        "force_error_N": ("normal_force", columns["force_N"][:, NORMAL]),
+        "sed_error_kPa": ("sed_rms", columns["sed_kPa"].max(initial=0.0)),
+        "rate_error": ("rate_", 1.0),
+        "mean_rate_error": ("mean_rate_", 1.0),
+    }
+    for name, (error, scale) in scales.items():
+        if found := [share for own, share in errors.items() if own.startswith(error)]:
+            columns[name] = np.where(columns["is_outside"] > 0, np.nan, max(found) * scale)
     indented = max((row.clock_s for row in rows if row.is_indenting), default=0.0)
     rest = Trace(receptors_mm, np.full(len(receptors_mm), DEFAULT_NAME), path.start_mm).arrays()
     saved = {
