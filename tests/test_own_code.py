@@ -175,7 +175,7 @@ def test_a_function_of_a_script_is_known_while_that_runs(tmp_path):
         ("stimulus.z=mine:nothing", "has no attribute 'nothing'"),
         ("stimulus.z=mine:g", "stimulus.z = {here}/mine.py:g is a float, no function or class"),
         ("stimulus.z=mine:broken", "NameError: name 'unknown' is not defined (line 22)"),
-        ("stimulus.z=mine:step", "mm that is too sharp for cell_mm = 0.1 (there"),
+        ("stimulus.z=mine:step", "mm that is too sharp for cell_mm = 0.1 ("),
         ("stimulus.period_mm=[1.5, 4.0]", "check that it repeats after period_mm"),
         ("stimulus.cell_mm=0.0001", "stimulus.cell_mm = 0.0001 makes 800,000,000 heights, but"),
         ("stimulus.z=bad:f", "stimulus.z = {here}/bad.py:f: ZeroDivisionError: division by zero"),

@@ -42,9 +42,9 @@ class Code(str):
     def load(self, key: str = "", also: type | tuple[()] = ()) -> Any:
         """Return the function or class, or an instance of `also`; `key` begins a StudyError."""
         path, _, name = self.rpartition(":")
-        if self not in _given and not (path and Path(path).is_file()):
-            reason = "there is no such file" if path else "it is known where its script runs"
-            raise StudyError(f"{key}{self}: {reason}")
+        if self not in _given and not Path(path).is_file():
+            why = "there is no such file" if path else "it is known where its script runs"
+            raise StudyError(f"{key}{self}: {why}")
         with self.running(key):
             found = getattr(_module(path, Path(path).read_bytes()), name) if path else _given[self]
         if not callable(found) and not isinstance(found, also):
@@ -60,10 +60,9 @@ class Code(str):
             raise
         except (Exception, SystemExit) as error:
             frames = traceback.extract_tb(error.__traceback__)
-            lines = [f.lineno for f in frames if f.filename == self.rpartition(":")[0]]
-            line = f" (line {lines[-1]})" if lines else ""
+            lines = [f" (line {f.lineno})" for f in frames if self.startswith(f"{f.filename}:")]
             reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise StudyError(f"{key}{self}: {reason}{line}") from error
+            raise StudyError(f"{key}{self}: {reason}{''.join(lines[-1:])}") from error
 
     @classmethod
     def if_named(cls, value: Any, info: ValidationInfo) -> Any:
@@ -78,20 +77,18 @@ class Code(str):
         """Return the code that a text names or a function is."""
         if callable(value):
             name = getattr(value, "__qualname__", type(value).__qualname__)
-            found = cls(f"{name} {fingerprint(value, str(info.field_name))}")
-            _given[found] = value
-            return found
-        found = cls.if_named(value, info)
-        if isinstance(found, cls) or (isinstance(found, str) and _HASHED.fullmatch(found)):
-            return cls(found)
+            value = cls(f"{name} {fingerprint(given := value, str(info.field_name))}")
+            _given[value] = given
+        named = cls.if_named(value, info)
+        if isinstance(named, cls) or (isinstance(named, str) and _HASHED.fullmatch(named)):
+            return cls(named)
         raise PydanticCustomError("code_type", "no code")
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> CoreSchema:
+        text = core_schema.str_schema()
         return core_schema.with_info_plain_validator_function(
-            cls.validated,
-            serialization=core_schema.to_string_ser_schema(),
-            json_schema_input_schema=core_schema.str_schema(),
+            cls.validated, serialization={"type": "to-string"}, json_schema_input_schema=text
         )
 
 

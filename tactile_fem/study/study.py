@@ -31,7 +31,6 @@ from tactile_fem.stimulus import Stimulus, Text
 from tactile_fem.study.afferents import Afferents, filled, given_keys
 from tactile_fem.study.output import Output
 from tactile_fem.study.solver import Solver
-from tactile_fem.tissue import own_law  # noqa: F401
 from tactile_fem.tissue.constants import Tissue
 
 # Keys that the mechanics does not depend on, as pydantic excludes them.
