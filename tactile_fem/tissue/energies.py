@@ -138,16 +138,14 @@ class _Expander(IndexExpander):
     """UFL's, which visits each part of an expression once, and strips variables."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self._found: dict[tuple[int, tuple[int, ...]], Expr] = {}  # by `id`: parts stay alive
+        super().__init__()  # type: ignore[no-untyped-call]
+        self._found: dict[tuple[int, tuple[int, ...]], Any] = {}  # by `id`: parts stay alive
 
-    def variable(self, o: Any) -> Expr:
+    def variable(self, o: Any) -> Any:
         return self.visit(o.ufl_operands[0])
 
-    def visit(self, o: Any) -> Expr:
-        if isinstance(o, MultiIndex) or o.ufl_free_indices:
-            return super().visit(o)
-        key = id(o), self.component()
-        if key not in self._found:
-            self._found[key] = super().visit(o)
+    def visit(self, o: Any) -> Any:
+        key = id(o), self.component()  # type: ignore[no-untyped-call]
+        if isinstance(o, MultiIndex) or o.ufl_free_indices or key not in self._found:
+            self._found[key] = super().visit(o)  # type: ignore[no-untyped-call]
         return self._found[key]
