@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import shutil
 import subprocess
 import sys
@@ -130,6 +131,7 @@ def test_a_study_is_read_and_written_without_running_its_code(here, capsys):
     (here / "t.toml").write_text(dump_study(study))
     assert load_study(here / "t.toml") == study == Study.model_validate(study.model_dump())
     assert Study.model_validate_json(study.model_dump_json()) == study
+    assert pickle.loads(pickle.dumps(study)) == study  # to other ranks
     assert study.tissue.subcutaneous.scaled(2.0).shear_MPa == 1.6e-3
     assert capsys.readouterr().out == ""
     check(study)

@@ -95,7 +95,11 @@ class Polynomial(Material):
     with the invariants of ``Cbar = J^(-2/3) C`` (paper; in the form of Abaqus).
     """
 
-    law: Literal["polynomial"] = "polynomial"
+    law: Literal["polynomial"] = Field(
+        "polynomial",
+        description='or "elastic" (E_MPa, nu), "ogden" (mu_MPa, alpha, D1_per_MPa); or "module:name": '
+        "a law in a Python file beside the study, its constants as further keys",
+    )
     C10_MPa: Positive = Field(description="of (I1bar - 3)")
     C01_MPa: Finite = Field(0.0, description="of (I2bar - 3)")
     C20_MPa: Finite = Field(0.0, description="of (I1bar - 3)^2")
