@@ -97,8 +97,8 @@ class Polynomial(Material):
 
     law: Literal["polynomial"] = Field(
         "polynomial",
-        description='or "elastic" (E_MPa, nu), "ogden" (mu_MPa, alpha, D1_per_MPa); or "module:name": '
-        "a law in a Python file beside the study, its constants as further keys",
+        description='or "elastic" (E_MPa, nu), "ogden" (mu_MPa, alpha, D1_per_MPa), or '
+        '"module:name", a law in a Python file beside the study, its constants as further keys',
     )
     C10_MPa: Positive = Field(description="of (I1bar - 3)")
     C01_MPa: Finite = Field(0.0, description="of (I2bar - 3)")
