@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tactile_fem.errors import StudyError
-from tactile_fem.simulation.fingerprint import fingerprint
+from tactile_fem.runtime.fingerprint import fingerprint
 from tactile_fem.simulation.parts import Parts, changed_part
 from tactile_fem.study import Plate, Protocol, Text
 

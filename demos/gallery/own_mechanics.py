@@ -82,6 +82,11 @@ def centre_of_pressure(seen):
     return {"centre_of_pressure_mm": [x, y]}
 
 
+# %%
+# **In a study file** the same classes, in a file ``parts.py`` beside it, are
+# ``tissue.subcutaneous = {law = "parts:Fung", shear = 0.8e-3, bulk = 0.02, b = 2.0}`` and
+# ``solver.terms = ["parts:Gravity"]``: for sweeps, people and clusters.
+
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/own_mechanics")
 overrides = [
     "finger.pad_size_mm=3",

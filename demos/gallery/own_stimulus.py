@@ -12,6 +12,8 @@ tissue. Stimulus, piece of the path, drive and transduction take a few lines eac
 Expected time: 1 minute on one core.
 
 What to change: ``stimulus.radius_mm``; the pieces of the path; the field that the afferents feel.
+A study file can name code in a ``shapes.py`` beside it: ``stimulus.kind = "heights"`` with
+``stimulus.z = "shapes:waves"``, heights as a function of X and Y, and ``feels = "shapes:shear"``.
 """
 
 # sphinx_gallery_thumbnail_path = 'pictures/own_stimulus.png'

@@ -91,7 +91,7 @@ class Problem:
         self.state = State(V)
         self.tissues = Tissues(domain, constants, self.state, solver.bulk_degree, laws)
         bulk = [term for kind in KINDS for term in kind.of(self.tissues, solver)]
-        self.bulk = Sum(self.tissues, [*bulk, *map(self._own, terms)])
+        self.bulk = Sum(self.tissues, [*bulk, *map(self._own, [*terms, *solver.own_terms()])])
         self.contact = Contact(self.bulk, body, friction, solver)
         self.terms = Sum(self.tissues, [self.bulk, self.contact])
         self.state.histories = self.terms.histories

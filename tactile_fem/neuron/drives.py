@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.fields import RIGHT_CAUCHY_GREEN, Field, stretch_along
+from tactile_fem.runtime.own_code import Code
 
 Array = NDArray[Any]
 Histories = Mapping[str, Array]
@@ -152,6 +153,9 @@ def drive_of(name: str) -> Drive:
     """Return a drive by its name, with the ending ``_rate`` its rate; StudyError if unknown."""
     if name in DRIVES:
         return DRIVES[name]
+    if isinstance(name, Code):
+        found, label = name.load(also=Drive), name.rpartition(":")[2].replace("_", " ").capitalize()
+        return found if isinstance(found, Drive) else Drive(label, "1", name.running()(found))
     base = name.removesuffix("_rate")
     if base == name or base not in DRIVES:
         known = ", ".join(DRIVES)

@@ -29,6 +29,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from tactile_fem.runtime import html
 from tactile_fem.runtime.differences import brief
+from tactile_fem.runtime.own_code import MODULE, Code
 
 # Strict: text such as "0.2 mm" and true or false are not accepted as numbers.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -88,9 +89,13 @@ class Settings(BaseModel):
     def files(self) -> dict[str, Path]:
         """Return the files that it is read from, by their keys."""
         found = {key: value for key, value in self if isinstance(value, Path)}
-        tables = [(key, value) for key, value in self if isinstance(value, Settings)]
-        for key, table in tables:
-            found |= {f"{key}.{own}": file for own, file in table.files().items()}
+        for key, value in self:
+            if isinstance(value, Settings):
+                found |= {f"{key}.{own}": file for own, file in value.files().items()}
+            for k, one in enumerate(value if isinstance(value, tuple) else (value,)):
+                if isinstance(one, Code) and ":" in one:
+                    entry = f" (entry {k + 1})" if isinstance(value, tuple) else ""
+                    found[f"{key}{entry}"] = Path(one.rpartition(":")[0])
         return found
 
     def _repr_html_(self) -> str:
@@ -138,6 +143,8 @@ class Kind(Settings):
 
     kinds: ClassVar[dict[str, type[Kind]]] = {}
     tag: ClassVar[str] = "kind"
+    coded: ClassVar[type[Kind] | None] = None
+    """The kind whose tag names code in a file beside the study, if a family has one."""
 
     def __init_subclass__(cls) -> None:
         if Kind in cls.__bases__:
@@ -153,7 +160,8 @@ class Kind(Settings):
                 raise TypeError(
                     f'{cls.tag} = "{name}" is taken by {known.__module__}.{known.__name__}'
                 )
-            cls.kinds[name] = cls
+            if not cls.__module__.startswith(MODULE):  # or it would outlive its study
+                cls.kinds[name] = cls
 
     @classmethod
     def __get_pydantic_core_schema__(
@@ -172,6 +180,9 @@ class Kind(Settings):
     @classmethod
     def one_of_the_kinds(cls, value: Any, info: ValidationInfo) -> Any:
         """Return the kind that a table states."""
+        name = value.get(cls.tag) if isinstance(value, dict) else getattr(value, cls.tag, None)
+        if cls.coded and isinstance(Code.if_named(name, info), Code):
+            return cls.coded.model_validate(value, context=info.context)
         if info.context and info.context.get("saved") and isinstance(value, dict):
             if isinstance(name := value.get(cls.tag), str) and name not in cls.kinds:
                 return _unknown_in(cls).model_validate(value)

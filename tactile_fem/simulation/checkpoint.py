@@ -122,8 +122,8 @@ def _check_origin(saved: dict[str, Array], simulation: Simulation, file: str) ->
             f"{_ANOTHER_FOLDER}"
         )
     for key in _differences(saved["files"], now["files"]):
-        # The hash of the mesh shows those of the finger; output may change.
-        if not key.startswith(("finger.", "output.")):
+        # The hash of the mesh shows those of the finger; output and what is felt may change.
+        if not key.startswith(("finger.", "output.", "afferents.")):
             raise StudyError(
                 f"{key} names a file that has changed since {file} was written: bring it back, "
                 f"or {_ANOTHER_FOLDER}"

@@ -66,6 +66,7 @@ def check(study: Study, parts: Parts = NO_PARTS) -> FingerMesh | None:
     raise_all(
         lambda: check_parts(parts),
         lambda: _check_options(study.solver),
+        study.solver.own_terms,
         lambda: fields_of(afferents.population() for afferents in study.populations),
         lambda: found.append(_check_finger(study, parts)),
         lambda: _check_laws(study.tissue, parts, found[0] if found else None),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from tactile_fem.finger import FingerMesh
 from tactile_fem.neuron import Population
 from tactile_fem.path import Path
-from tactile_fem.simulation.fingerprint import fingerprint
+from tactile_fem.runtime.fingerprint import fingerprint
 from tactile_fem.stimulus import RigidBody
 
 if TYPE_CHECKING:

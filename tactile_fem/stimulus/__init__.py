@@ -27,6 +27,7 @@ from tactile_fem.stimulus.smooth import Plate, Cylinder, Sphere, Edge
 from tactile_fem.stimulus.patterns import Grating, Dots, Braille
 from tactile_fem.stimulus.drawing import Drawing
 from tactile_fem.stimulus.surface import Surface
+from tactile_fem.stimulus.function import Heights
 
 # isort: on
 
@@ -48,6 +49,7 @@ __all__ = [
     "Friction",
     "Grating",
     "GridSpline",
+    "Heights",
     "KineticFriction",
     "MappedFriction",
     "Outline",

@@ -31,6 +31,7 @@ from tactile_fem.stimulus import (
     Drawing,
     Edge,
     Grating,
+    Heights,
     Plate,
     Sphere,
     Stimulus,
@@ -44,7 +45,7 @@ from tactile_fem.study.input_copies import content_of, keep_files, with_files
 from tactile_fem.study.output import Output
 from tactile_fem.study.solver import Solver
 from tactile_fem.study.study import AFTER_MECHANICS, Study
-from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Material, Polynomial, Tissue
+from tactile_fem.tissue.constants import TISSUE_SETS, Elastic, Material, Ogden, Polynomial, Tissue
 
 __all__ = [
     "AFTER_MECHANICS",
@@ -60,11 +61,13 @@ __all__ = [
     "Finger",
     "Follow",
     "Grating",
+    "Heights",
     "Hold",
     "Joint",
     "Lift",
     "Material",
     "Neuron",
+    "Ogden",
     "Output",
     "Piece",
     "Plate",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import AfterValidator, BaseModel, Field
 
 from tactile_fem.neuron.settings import Neuron
 from tactile_fem.receptors.settings import Receptors
+from tactile_fem.runtime.own_code import Code
 from tactile_fem.runtime.settings import Settings
 
 if TYPE_CHECKING:
@@ -88,11 +89,12 @@ class Afferents(Settings):
         "SA1",
         description="of afferent: what is not given below is that of its kind",
     )
-    feels: str = Field(
+    feels: Annotated[str, AfterValidator(Code.if_named)] = Field(
         "sed",
         description="sed, von_mises, largest_stretch, smallest_stretch, largest_stress, "
         "smallest_stress, pressure (kPa), compression, directed_stretch or indentation (mm); each "
-        "also with _rate behind it; gains are per its unit, and what is negative inhibits",
+        'also with _rate behind it; or "module:name", a Drive or function of the trace in a file '
+        "beside the study; gains are per its unit, and what is negative inhibits",
     )
     receptors: Receptors = Receptors()
     neuron: Neuron = Neuron()

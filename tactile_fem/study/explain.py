@@ -28,6 +28,7 @@ _REQUIREMENTS = {
     "string_too_long": "at most {max_length} characters long",
     "bool_type": "true or false",
     "path_type": "the path of a file",
+    "code_type": '"module:name", what a Python file beside the study defines',
     "petsc_type": "text, a number, true or false",
     "tuple_type": "a list",
     "too_long": "a list of at most {max_length} entries",

@@ -14,7 +14,7 @@ from tactile_fem import companions
 from tactile_fem.errors import StudyError
 from tactile_fem.finger import Finger
 from tactile_fem.path import Piece
-from tactile_fem.runtime.settings import Kind, Settings
+from tactile_fem.runtime.settings import Kind, Settings, absolute
 from tactile_fem.runtime.text import read_text
 from tactile_fem.stimulus import Friction, Stimulus
 from tactile_fem.study.explain import in_words, located
@@ -65,7 +65,10 @@ def load_study(
     if file is not None:
         _resolve_paths(data, file.parent)
     data = _merge(data, changes)
-    context = {"saved": saved}
+    context: dict[str, Any] = {"saved": saved}
+    if file is not None:
+        folder = file.parent
+        context["locate"] = lambda name: usable(str(absolute(name, folder)), folder)
     try:
         return Study.model_validate(data, context=context)
     except ValidationError as error:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tactile_fem.runtime.files import atomic_write, sha256
+from tactile_fem.runtime.own_code import Code
 from tactile_fem.runtime.settings import Settings
 from tactile_fem.stimulus.text import find_font
 
@@ -27,6 +28,8 @@ def with_files[T](part: T, change: Callable[[str], str]) -> T:
     new: Any = part
     if isinstance(part, tuple):
         new = tuple(with_files(entry, change) for entry in part)
+    elif isinstance(part, Code):
+        new = part.moved(change)
     elif isinstance(part, Settings):
         values = {
             name: type(value)(change(str(value)))

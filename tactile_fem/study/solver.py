@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
+from tactile_fem.runtime.own_code import Code
 from tactile_fem.runtime.settings import NonNegative, Positive, Settings, Whole
 
 
@@ -47,6 +48,11 @@ class Solver(Settings):
         description="include inertia (tissue.density_kg_m3), which matters for vibration above "
         "50 Hz; without it the finger is always in equilibrium",
     )
+    terms: tuple[Code, ...] = Field(
+        (),
+        description='further terms of the virtual work, each "module:name": a subclass of Term in '
+        "a Python file beside the study",
+    )
     held: Annotated[tuple[Literal["bone", "nail", "cut"], ...], Field(min_length=1)] = Field(
         ("bone", "nail", "cut"), description="parts that are fixed; the others deform"
     )
@@ -84,3 +90,7 @@ class Solver(Settings):
     petsc: dict[str, Annotated[str | int | float | bool, BeforeValidator(_option_value)]] = Field(
         default_factory=dict, description="PETSc options, without their prefix `-tactile_`"
     )
+
+    def own_terms(self) -> list[Any]:
+        """Return what makes the terms; StudyError if it is not found."""
+        return [code.running("solver.terms: ")(code.load("solver.terms: ")) for code in self.terms]

@@ -25,6 +25,7 @@ from tactile_fem.receptors import Layout
 from tactile_fem.receptors.settings import Receptors, misplaced
 from tactile_fem.runtime import html
 from tactile_fem.runtime.differences import brief, differences
+from tactile_fem.runtime.own_code import Code
 from tactile_fem.runtime.settings import Settings
 from tactile_fem.stimulus import Stimulus, Text
 from tactile_fem.study.afferents import Afferents, filled, given_keys
@@ -95,7 +96,7 @@ class Study(Settings):
         for population in self.populations:
             problem = misplaced(population.receptors, self.finger.section_plane)
             problems += [f"{self.table_of(population)}{problem}"] if problem else []
-            if self.afferents and not is_saved:
+            if self.afferents and not is_saved and not isinstance(population.feels, Code):
                 try:
                     _ = population.population().drive
                 except StudyError as error:
@@ -141,16 +142,12 @@ class Study(Settings):
 
     def files(self) -> dict[str, Path]:
         """Return the files that its tables name, by their keys."""
-        sections = dict[str, Settings](
-            finger=self.finger, tissue=self.tissue, stimulus=self.stimulus, output=self.output
-        )
-        sections |= {
-            name: table
-            for name in companions.tables()
-            if (table := getattr(self, name)) is not None
-        }
+        names = ("finger", "tissue", "stimulus", "solver", "output", *companions.tables())
+        tables = {name: getattr(self, name) for name in names}
+        sections: dict[str, Settings] = {name: own for name, own in tables.items() if own}
         for number, piece in enumerate(self.protocol.pieces, 1):
             sections[f"protocol.path (entry {number})"] = piece
+        sections |= {f"afferents.{one.name}": one for one in self.afferents}
         return {
             f"{name}.{key}": file
             for name, section in sections.items()

@@ -6,15 +6,18 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from tactile_fem.errors import StudyError
-from tactile_fem.runtime.settings import Finite, Kind, NonNegative, Positive, Settings
+from tactile_fem.runtime.own_code import Code
+from tactile_fem.runtime.settings import Finite, Kind, NonNegative, Positive, Settings, nonzero
 
 if TYPE_CHECKING:
     from ufl.core.expr import Expr
 
     from tactile_fem.tissue.energies import At
+
+_OWN = "tissue: law = "
 
 
 class Material(Kind):
@@ -92,7 +95,11 @@ class Polynomial(Material):
     with the invariants of ``Cbar = J^(-2/3) C`` (paper; in the form of Abaqus).
     """
 
-    law: Literal["polynomial"] = "polynomial"
+    law: Literal["polynomial"] = Field(
+        "polynomial",
+        description='or "elastic" (E_MPa, nu), "ogden" (mu_MPa, alpha, D1_per_MPa), or '
+        '"module:name", a law in a Python file beside the study, its constants as further keys',
+    )
     C10_MPa: Positive = Field(description="of (I1bar - 3)")
     C01_MPa: Finite = Field(0.0, description="of (I2bar - 3)")
     C20_MPa: Finite = Field(0.0, description="of (I1bar - 3)^2")
@@ -170,6 +177,73 @@ class Elastic(Material):
     @property
     def _shear_modulus(self) -> Any:
         return self.E_MPa / (2 * (1 + self.nu))
+
+
+class Ogden(Material):
+    """One term of Ogden's law in the principal stretches (1972, DOI 10.1098/rspa.1972.0026).
+
+    ``W = 2 mu/alpha^2 (sum_i lambdabar_i^alpha - 3) + (J-1)^2/D1`` with the stretches of
+    ``J^(-1/3) F``: `mu` is the shear modulus for any alpha, and alpha = 2 is neo-Hookean.
+    """
+
+    law: Literal["ogden"] = "ogden"
+    mu_MPa: Positive = Field(description="shear modulus at small strain")
+    alpha: Annotated[Finite, Field(ge=-50, le=50), AfterValidator(nonzero)] = Field(
+        description="exponent of the stretches"
+    )
+    D1_per_MPa: Positive = Field(description="2/K, of (J - 1)^2 / D1")
+
+    def energy(self, F: Expr, at: At) -> Expr:
+        """Return the strain energy density, in MPa; the same everywhere."""
+        from tactile_fem.tissue.energies import invariants  # takes a while
+        from tactile_fem.tissue.stretches import sum_of_powers
+
+        J, a, b = invariants(F)
+        shape = sum_of_powers(a, b, self.alpha) - 3
+        return 2 * self.mu_MPa / self.alpha**2 * shape + (J - 1) ** 2 / self.D1_per_MPa
+
+    def in_shear(self, a: Expr, at: At) -> Expr:
+        """Return the energy in the simple shear ``gamma^2 = a``, of stretches s, 1 and 1/s."""
+        from tactile_fem.tissue.stretches import chebyshev
+
+        return 4 * self.mu_MPa / self.alpha**2 * (chebyshev(self.alpha / 2, 1 + a / 2) - 1)
+
+
+class OwnLaw(Material):
+    """A user's own law: ``energy(F, at, **constants)``, or a class of `tactile_fem.Law`.
+
+    Its constants, which the class takes, are further keys.
+    """
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Finite]
+    law: Code
+
+    def energy(self, F: Expr, at: At) -> Expr:
+        """Return the strain energy density, in MPa."""
+        own = self._made()
+        with self.law.running(_OWN):
+            is_law = hasattr(own, "energy")
+            return own.energy(F, at) if is_law else own(F, at, **self.__pydantic_extra__)
+
+    @property
+    def in_shear(self) -> Any:
+        """The method of the class; AttributeError if it has none."""
+        return self._made().in_shear
+
+    def _made(self) -> Any:
+        """Return the function, or the object with the constants, which those of forms replace."""
+        code, constants = self.law.load(_OWN), self.__pydantic_extra__
+        if not isinstance(code, type):
+            return code
+        with self.law.running(_OWN):
+            own = code(**{name: float(value) for name, value in constants.items()})
+        for name, value in constants.items():
+            object.__setattr__(own, name, value)
+        return own
+
+
+Material.coded = OwnLaw
 
 
 def _neo_hookean(E_MPa: float, nu: float = 0.48) -> dict[str, float]:

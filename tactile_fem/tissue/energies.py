@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import ufl
-from ufl.algorithms import expand_indices, strip_variables
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
+from ufl.algorithms.expand_indices import IndexExpander
 from ufl.core.expr import Expr
+from ufl.core.multiindex import MultiIndex
 
 from tactile_fem.errors import StudyError
 
@@ -130,4 +131,21 @@ def _curvature(energy: Callable[[Expr], Expr], rest: float) -> Expr:
     """Return the second derivative of an energy by a measure of strain that is a number at rest."""
     x = ufl.variable(ufl.as_ufl(float(rest)))
     second = ufl.diff(ufl.diff(energy(x), x), x)
-    return expand_indices(strip_variables(apply_derivatives(apply_algebra_lowering(second))))
+    return _Expander().visit(apply_derivatives(apply_algebra_lowering(second)))
+
+
+class _Expander(IndexExpander):
+    """UFL's, which visits each part of an expression once, and strips variables."""
+
+    def __init__(self) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self._found: dict[tuple[int, tuple[int, ...]], Any] = {}  # by `id`: parts stay alive
+
+    def variable(self, o: Any) -> Any:
+        return self.visit(o.ufl_operands[0])
+
+    def visit(self, o: Any) -> Any:
+        key = id(o), self.component()  # type: ignore[no-untyped-call]
+        if isinstance(o, MultiIndex) or o.ufl_free_indices or key not in self._found:
+            self._found[key] = super().visit(o)  # type: ignore[no-untyped-call]
+        return self._found[key]
