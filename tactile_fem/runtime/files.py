@@ -86,8 +86,10 @@ class Print(NamedTuple):
     def used(self) -> Iterator[None]:
         """Have figures drawn and written so."""
         before = in_print.set(self)
-        yield
-        in_print.reset(before)
+        try:
+            yield
+        finally:
+            in_print.reset(before)
 
 
 in_print: ContextVar[Print] = ContextVar("in_print", default=Print())
