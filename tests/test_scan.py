@@ -103,6 +103,9 @@ def test_the_skin_of_a_kept_state_carries_the_load(finished, study):
     friction_N = skin.friction_kPa * skin.area_mm2[:, None] / 1000
     assert pressure_N.sum() == pytest.approx(np.linalg.norm(force_N), rel=0.15)  # flanks push aside
     assert friction_N[:, 1].sum() == pytest.approx(-0.3 * pressure_N.sum(), rel=0.1)
+    area_mm2 = finished.trace.contact_area_mm2[-1]
+    assert skin.contact_area_mm2.sum() == pytest.approx(area_mm2, rel=1e-4)
+    assert area_mm2 < skin.area_mm2[skin.contact > 0].sum()  # that of whole facets
     assert set(skin.contact) == {0, 2}  # all slips
     assert skin.stretches.min() < 0.99 < 1.01 < skin.stretches.max()
     assert 0 < results.interface(0.4).sed_kPa.max() < results.trace["sed_kPa"].max() * 5

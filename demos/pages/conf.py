@@ -48,6 +48,7 @@ sphinx_gallery_conf = {
     "min_reported_time": 1e9,
     "remove_config_comments": True,
     "download_all_examples": True,
+    "thumbnail_size": (800, 560),  # twice as large as they are shown: see site.css
     # A notebook is started with options of its own.
     "first_notebook_cell": "import sys\n\nsys.argv = sys.argv[:1]",
 }

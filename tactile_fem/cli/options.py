@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from importlib import import_module
@@ -14,14 +15,12 @@ from cyclopts import Parameter, validators
 
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime import doctor, ranks
+from tactile_fem.runtime.files import Print
 
 if TYPE_CHECKING:
     from tactile_fem.series import Member
 
 Count = Annotated[int, Parameter(validator=validators.Number(gte=1))]
-Dots = Annotated[
-    int, Parameter(validator=validators.Number(gte=50, lte=1200), help="Dots per inch, for print.")
-]
 PositiveFloat = Annotated[float, Parameter(validator=validators.Number(gt=0))]
 StudyFile = Annotated[
     Path | None,
@@ -63,7 +62,32 @@ class Scheduling:
     collect: Collect = False
 
 
-ONE_BY_ONE = Scheduling()
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Size:
+    """Size of figures in print."""
+
+    width_mm: Annotated[
+        float | None,
+        Parameter(
+            validator=validators.Number(gte=40, lte=300),
+            help="Width in print, for which a figure is laid out: 85 is a column of many journals.",
+        ),
+    ] = None
+    dpi: Annotated[
+        int | None,
+        Parameter(
+            validator=validators.Number(gte=50, lte=1200),
+            help="Dots per inch; default 200, of animations 112, of a preview 150.",
+        ),
+    ] = None
+
+    def used(self) -> AbstractContextManager[None]:
+        """Have figures drawn and written so."""
+        return Print(self.width_mm, self.dpi).used()
+
+
+ONE_BY_ONE, OWN_SIZE = Scheduling(), Size()
 
 # The words of the command that runs.
 command_line: ContextVar[Sequence[str]] = ContextVar("command_line", default=())

@@ -7,9 +7,10 @@ from typing import Literal
 
 from tactile_fem.cli.comparison import named_scans, show_comparison
 from tactile_fem.cli.options import (
+    OWN_SIZE,
     Changes,
-    Dots,
     ScanFolder,
+    Size,
     StudyFile,
     Written,
     check_file,
@@ -72,6 +73,7 @@ def fields(
     at_mm: float | None = None,
     at_s: float | None = None,
     show: str = "sed_kPa",
+    size: Size = OWN_SIZE,
 ) -> None:
     """Write contact, displacement, stretches, stress and SED on the skin or the interface.
 
@@ -90,7 +92,8 @@ def fields(
     at_s
         Time of a state, which may lie in a press or a hold.
     show
-        Column of the table that the map shows.
+        Column of the table that the map shows, or one of sed, displacement, stretch, von_mises,
+        pressure, friction, slip.
     """
     from tactile_fem import Results
     from tactile_fem.results.surfaces import ENDINGS
@@ -110,28 +113,33 @@ def fields(
     else:
         surface = found.interface(at_mm, at_s=at_s, side=side)
     if output.suffix == ".png":
+        from tactile_fem.output.film import titles_of
         from tactile_fem.output.maps import surface_map
         from tactile_fem.runtime.files import write_figure
 
-        write_figure(output, surface_map(surface, show))
+        (title,) = titles_of(found.trace, [surface.time_s])
+        with size.used():
+            write_figure(output, surface_map(surface, show, title))
     else:
         surface.save(output)
     print(f"{len(surface)} points at {surface.at_mm:g} mm, {surface.time_s:g} s")
     print(f"Written to {output}")
 
 
-def plot(results: ScanFolder, /, *, dpi: Dots = 200) -> None:
+def plot(results: ScanFolder, /, *, size: Size = OWN_SIZE) -> None:
     """Draw all figures of a scan again; text and lines have the same size at any resolution."""
     from tactile_fem import Results
 
     found = Results.open(results)
     from tactile_fem import draw
 
-    for path in draw(found, dpi=dpi):
+    for path in draw(found, dpi=size.dpi, width_mm=size.width_mm):
         print(path)
 
 
-def compare(*scans: ScanFolder, output: Written = Path("comparison.png")) -> None:
+def compare(
+    *scans: ScanFolder, output: Written = Path("comparison.png"), size: Size = OWN_SIZE
+) -> None:
     """Print the numbers of complete scans and draw their histories on common axes.
 
     The table states differences to the first scan. Scans are named after their folders.
@@ -142,7 +150,8 @@ def compare(*scans: ScanFolder, output: Written = Path("comparison.png")) -> Non
         Write this .png file, which is replaced.
     """
     check_file("--output", output, ".png")
-    show_comparison(named_scans(scans), output)
+    with size.used():
+        show_comparison(named_scans(scans), output)
 
 
 def doctor() -> int:

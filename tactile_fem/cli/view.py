@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from tactile_fem.cli.options import (
+    OWN_SIZE,
     Changes,
-    Dots,
     PositiveFloat,
     ScanFolder,
+    Size,
     StudyFile,
     Written,
     check_file,
@@ -27,7 +28,9 @@ if TYPE_CHECKING:
 _PREVIEW_DPI = 150
 
 
-def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = ()) -> None:
+def preview(
+    study: StudyFile = None, /, *, output: Written, changes: Changes = (), size: Size = OWN_SIZE
+) -> None:
     """Draw finger and stimulator before a scan, and where the contact point goes.
 
     Parameters
@@ -43,15 +46,16 @@ def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = (
     from tactile_fem.finger.anatomy import SurfaceFiles
     from tactile_fem.runtime.files import write_figure
 
-    try:
-        figure = preview_of(the_study)
-    except PlaceError as error:
-        if the_study.finger.is_scanned:
-            drawn = SurfaceFiles.reader(the_study.finger).figure(error.place_mm)
-            write_figure(output, drawn, _PREVIEW_DPI)
-            print(f"The scans and the place are drawn in {output}")
-        raise
-    write_figure(output, figure, _PREVIEW_DPI)
+    with size.used():
+        try:
+            figure = preview_of(the_study)
+        except PlaceError as error:
+            if the_study.finger.is_scanned:
+                drawn = SurfaceFiles.reader(the_study.finger).figure(error.place_mm)
+                write_figure(output, drawn, _PREVIEW_DPI)
+                print(f"The scans and the place are drawn in {output}")
+            raise
+        write_figure(output, figure, _PREVIEW_DPI)
     print(f"Written to {output}")
 
 
@@ -62,7 +66,9 @@ def view(
     save: Path | None = None,
     at_mm: float | None = None,
     at_s: float | None = None,
-    dpi: Dots = 200,
+    show: str | None = None,
+    limits: tuple[float, float] | None = None,
+    size: Size = OWN_SIZE,
     vibration: Annotated[
         PositiveFloat | None,
         Parameter(
@@ -72,7 +78,7 @@ def view(
     ] = None,
     amplitude_um: PositiveFloat = 10.0,
 ) -> None:
-    """Show the finger cut open, the strain energy density and the firing receptors.
+    """Show the finger cut open, the strain energy density and the firing receptors, or any field.
 
     Opens a window with a slider for the time or the phase, or writes a file with --save, which
     needs no display.
@@ -83,9 +89,15 @@ def view(
         Write an animation, .gif or .mp4 (which needs imageio-ffmpeg), a frame, .png, or a page for
         the browser, .html (which needs the extra html).
     at_mm
-        Displacement of the frame or page; default at the largest SED.
+        Displacement of the frame or page; default where what is shown is largest.
     at_s
         Its time instead, which is negative in the press.
+    show
+        Instead of the receptors a field: sed, displacement, stretch, von_mises, on the finger cut
+        along X = 0; pressure, friction, slip, on the skin from beneath; or a column of the table
+        that `fields` writes, such as stress_zz_kPa.
+    limits
+        Ends of the field's colours, to compare scans; default those of all frames.
     amplitude_um
         Amplitude of the vibration.
     """
@@ -94,6 +106,10 @@ def view(
     found = Results.open(results)
     plane = found.study.finger.section_plane
     _check_options(plane, save, {"--at-mm": at_mm, "--at-s": at_s}, vibration)
+    if show is not None and vibration is not None:
+        raise StudyError("--show does not go with --vibration, which shows the amplitude.")
+    if limits is not None and (show is None or limits[0] >= limits[1]):
+        raise StudyError("--limits must be two rising numbers and goes with --show.")
     modes_file = found.vibration / "modes.npz"
     if vibration is not None and not modes_file.exists():
         raise StudyError(f"{modes_file} is missing: run tactile-fem vibrate {results} first.")
@@ -108,9 +124,9 @@ def view(
     from tactile_fem.output.film import Film
     from tactile_fem.output.modes import Modes
 
-    look: pictures.Look = "receptors"
+    look: pictures.Look = "receptors" if show is None else "deformation"
     if vibration is None:
-        film = Film.of_scan(found)
+        film = Film.of_scan(found, show or "sed", limits)
     else:
         modes, look = Modes.load(modes_file), "vibration"
         film = Film.of_vibration(modes, modes.nearest(vibration), amplitude_um / 1000)
@@ -123,7 +139,8 @@ def view(
         k = film.nearest_mm(at_mm)
     if at_s is not None:
         k = film.nearest(at_s)
-    viewing.save(frames, save, k, dpi)
+    with size.used():
+        viewing.save(frames, save, k)
     print(f"Written to {save}")
 
 

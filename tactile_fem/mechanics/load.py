@@ -51,6 +51,8 @@ class Load:
     pressure_N, friction_N, bound_N
         Nodal forces of contact pressure, of friction, and of pressure times the coefficient of
         friction on this rank's nodes, (nodes, components).
+    touching_mm2
+        Parts of `contact_area_mm2` in this rank's own cells, (cells,).
     """
 
     force_N: np.ndarray
@@ -68,6 +70,7 @@ class Load:
     pressure_N: np.ndarray = field(repr=False)
     friction_N: np.ndarray = field(repr=False)
     bound_N: np.ndarray = field(repr=False)
+    touching_mm2: np.ndarray = field(repr=False, default_factory=lambda: np.zeros(0))
 
     def rejection(self, balance_N: float) -> str:
         """Return why a state with this load must not be accepted; empty if it may.
@@ -77,8 +80,8 @@ class Load:
         balance_N
             Up to which the imbalance is one of rounding, or of the tolerance of a solver.
         """
-        nodal = "pressure_N", "friction_N", "bound_N"
-        integrals = [value for name, value in vars(self).items() if name not in nodal]
+        local = "pressure_N", "friction_N", "bound_N", "touching_mm2"
+        integrals = [value for name, value in vars(self).items() if name not in local]
         if not np.isfinite(np.hstack(integrals)).all():
             return "the load is not finite"
         if self.imbalance_N > balance_N:
@@ -132,7 +135,9 @@ class LoadCell:
         self._coefficient = contact.friction.uniform
         self._bound_form = compile_(bound) if self._coefficient is None else None
         self._bulk_form = compile_(bulk.residual(v))
-        self._integrals_form = compile_(_integrals(bulk, contact))
+        W = fem.functionspace(bulk.tissues.domain.mesh, ("DG", 0, (_COUNT,)))
+        self._cell_rows = W.dofmap.list[:, 0]
+        self._integrals_form = compile_(_integrals(bulk, contact, ufl.TestFunction(W)))
 
     def read(self) -> Load:
         """Return the load at the present displacement, of all skin."""
@@ -146,8 +151,9 @@ class LoadCell:
                 bound = float(self._coefficient.value) * pressure
             else:
                 bound = _nodal(self._bound_form)
-            integrals = _nodal(self._integrals_form).sum(axis=0)
-        here = [self._forces(pressure + friction, bulk), [self._heat(friction)], integrals]
+            of_cells = _nodal(self._integrals_form)
+        integrals = [self._heat(friction)], of_cells.sum(axis=0)
+        here = [self._forces(pressure + friction, bulk), *integrals]
         whole = self._comm.allreduce(np.concatenate(here))
         force, moment, on_bone, moment_on_bone, residual = np.split(whole[:-8], self._splits)
         heat, area, normal, distance, traction, stored, volume, rest = whole[-8:].tolist()
@@ -168,6 +174,7 @@ class LoadCell:
             pressure,
             friction,
             bound,
+            of_cells[self._cell_rows[: len(of_cells)], 0],
         )
 
     def _forces(self, contact: np.ndarray, bulk: np.ndarray) -> np.ndarray:
@@ -221,14 +228,13 @@ class LoadCell:
 _COUNT = 7
 
 
-def _integrals(bulk: Term, contact: Contact) -> ufl.Form:
-    """Return the integrals over skin and tissue, one for each component of a DG0 test function.
+def _integrals(bulk: Term, contact: Contact, w: ufl.Argument) -> ufl.Form:
+    """Return the integrals over skin and tissue, one for each component of a DG0 test function `w`.
 
     So one kernel computes them all, cell by cell: contact area, pressure, pressure times
     gap, traction of the tissue; strain energy, volume now and at rest.
     """
     tissues = bulk.tissues
-    w = ufl.TestFunction(fem.functionspace(tissues.domain.mesh, ("DG", 0, (_COUNT,))))
     gap, normal = contact.obstacle.gap, contact.obstacle.normal
     touching = ufl.conditional(ufl.lt(gap, _CONTACT_GAP_MM), 1.0, 0.0)
     form = ufl.Form([])

@@ -15,7 +15,7 @@ from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from tactile_fem.finger.mesh_data import TISSUES, FingerMesh
-from tactile_fem.output.annotations import COLOURS, INK, PICTURE_DPI
+from tactile_fem.output.annotations import COLOURS, INK
 from tactile_fem.output.plots import styled
 
 Array = NDArray[np.float64]
@@ -28,13 +28,13 @@ _RAY = np.array([1.0, -1.0]) / np.sqrt(2)
 
 
 @styled
-def finger_figure(mesh: FingerMesh, dpi: int = PICTURE_DPI) -> Figure:
+def finger_figure(mesh: FingerMesh) -> Figure:
     """Draw the undeformed finger cut along X = 0 and across at Y = 0, its layers by name."""
     along, across = (cut(mesh, axis) for axis in (0, 1))
     spans = [_bounds(parts) for parts in (along, across)]
     widths = [high[0] - low[0] + 2 * _MARGIN_MM for low, high in spans]
     widths[1] += _LABELS_MM
-    figure = Figure(figsize=_SIZE_INCHES, dpi=dpi, layout="constrained")
+    figure = Figure(figsize=_SIZE_INCHES, layout="constrained")
     panels = figure.subplots(1, 2, sharey=True, width_ratios=widths)
     titles = "Along the finger, at X = 0", "Across it, at Y = 0"
     for axes, parts, (low, high), title in zip(panels, (along, across), spans, titles, strict=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -20,12 +21,14 @@ from tactile_fem.output.rasters import Trains, firing, raster
 from tactile_fem.output.snapshots import snapshots
 from tactile_fem.results.histories import central_receptor
 from tactile_fem.results.results import Results
-from tactile_fem.runtime.files import write_figure
+from tactile_fem.runtime.files import Print, write_figure
 
 logger = logging.getLogger(__name__)
 
 
-def draw(results: Results | Path | str, *, dpi: int | None = None) -> list[Path]:
+def draw(
+    results: Results | Path | str, *, dpi: int | None = None, width_mm: float | None = None
+) -> list[Path]:
     """Draw all figures and, where that is possible, the pictures; return their files.
 
     Parameters
@@ -34,6 +37,9 @@ def draw(results: Results | Path | str, *, dpi: int | None = None) -> list[Path]
         A scan's results or their folder.
     dpi
         Dots per inch of the files; default 200. Sizes in inches and text stay as they are.
+    width_mm
+        Width of all figures in print, for which they are laid out anew: letters keep 3/4 of their
+        size in points or more. Default: each figure's own.
 
     Raises
     ------
@@ -42,12 +48,13 @@ def draw(results: Results | Path | str, *, dpi: int | None = None) -> list[Path]
     """
     if not isinstance(results, Results):
         results = Results.open(results)
-    with ThreadPoolExecutor(1) as beside:  # it only waits for the process that draws the pictures
-        pictures = beside.submit(draw_pictures, results, dpi=dpi)
-        return [*draw_plots(results, dpi=dpi), *pictures.result()]
+    with Print(width_mm, dpi).used(), ThreadPoolExecutor(1) as beside:
+        # It only waits for the process that draws the pictures.
+        drawn = beside.submit(copy_context().run, draw_pictures, results)
+        return [*draw_plots(results), *drawn.result()]
 
 
-def draw_plots(results: Results, *, dpi: int | None = None) -> list[Path]:
+def draw_plots(results: Results) -> list[Path]:
     """Draw the figures that need no graphics library; return their files.
 
     Of a scan without a step there are only forces.
@@ -67,7 +74,7 @@ def draw_plots(results: Results, *, dpi: int | None = None) -> list[Path]:
     results.figures.mkdir(exist_ok=True)
     drawn = {results.figures / f"{name}.png": figure for name, figure in figures.items() if figure}
     for path, figure in drawn.items():
-        write_figure(path, figure, dpi)
+        write_figure(path, figure)
     return list(drawn)
 
 

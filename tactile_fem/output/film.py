@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +16,12 @@ from tactile_fem.finger.simplex import SOLID, simplex_of
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import is_soft
 from tactile_fem.output.modes import Modes
+from tactile_fem.output.quantities import Limits, Quantity, quantity_of
 from tactile_fem.path.rotations import matrix, to_body, to_space, vector
 from tactile_fem.results.fields import FieldState, read_series
 from tactile_fem.results.histories import TIME, at_time, turns_at
 from tactile_fem.results.results import Results
+from tactile_fem.results.surfaces import columns_of
 from tactile_fem.runtime.logs import counted
 from tactile_fem.simulation.pose import Pose, turned_with_bone
 
@@ -28,9 +31,9 @@ Array = NDArray[np.floating]
 FRAMES_PER_STATE, FRAMES_PER_PERIOD = 4, 24
 # Largest amplitude of a vibration as drawn.
 _LARGEST_AMPLITUDE_MM = 0.6
-# The colours end at this percentile of the soft tissue: at edges, SED is singular.
+# The strongest frame has the largest value at this percentile of the soft tissue.
 _TOP_PERCENTILE = 99.8
-_ROUNDING_S = 1e-9
+_ROUNDING_S, _LEAST_DEG = 1e-9, 0.05
 
 
 @dataclass(frozen=True)
@@ -43,8 +46,8 @@ class Film:
     `stimulator_mm` (frames, 3), seen from the bone, with the rotation vectors `stimulator_rad`
     (frames, 3) if it turns. Frames are sorted by `along` (frames,), with the name and unit `label`:
     those of a scan by their time, at which it has slid by `slid_mm` (frames,). They have `titles`.
-    `quantity` is the name and unit of the values, `top` the upper end of their colours, and
-    `strongest` the number of the frame with the largest deformation. Receptors have deformed places
+    `shown` is what the values are, `limits` are the ends of their colours in all frames, and
+    `strongest` is the number of the frame with the largest values. Receptors have deformed places
     (frames, r, 3) and may have `fired` since the frame before (frames, r), and the names of their
     `population` (r,).
     """
@@ -57,8 +60,8 @@ class Film:
     along: Array
     titles: list[str]
     label: str = ""
-    quantity: str = ""
-    top: float = 1.0
+    shown: Quantity | None = None
+    limits: Limits = (0.0, 1.0)
     strongest: int = 0
     receptors_mm: Array | None = None
     fired: NDArray[np.bool_] | None = None
@@ -68,6 +71,13 @@ class Film:
 
     def __len__(self) -> int:
         return len(self.weights)
+
+    @property
+    def value_weights(self) -> Array:
+        """Weights of the values (frames, fields): categories are those of the nearest state."""
+        if self.shown is not None and self.shown.categories:
+            return np.eye(self.weights.shape[1])[self.weights.argmax(axis=1)]
+        return self.weights
 
     def nearest(self, value: float) -> int:
         """Return the number of the frame nearest to a value of `along`."""
@@ -109,26 +119,39 @@ class Film:
         return cls(mesh, still, still[..., 0], one, place, at, [""], stimulator_rad=turn)
 
     @classmethod
-    def of_scan(cls, results: Results) -> Film:
+    def of_scan(cls, results: Results, show: str = "sed", limits: Limits | None = None) -> Film:
         """Return the saved states of a scan, and frames between them that are linear in time.
 
-        Field files that are missing or cannot be read raise StudyError.
+        They show a quantity by its name, see `tactile_fem.output.quantities`, in colours between
+        two limits, by default those of all states. Field files that are missing or cannot be read
+        and an unknown quantity raise StudyError.
         """
         written_s, files = read_series(results.fields)
         if not files:
             raise StudyError(f"There are no field files in {results.fields}: nothing to view.")
         first, trace = FieldState.read(files[0]), results.trace
         mesh, used = _drawn_mesh(first.nodes, first.cells, first.tissue)
-        fields = [
-            (state.of_nodes["displacement_mm"][used], state.of_cells["sed_kPa"])
-            for state in map(FieldState.read, counted(files, "saved states to read"))
-        ]
-        moved, sed = (np.array(arrays) for arrays in zip(*fields, strict=True))
+        shown = quantity_of(show, columns_of(first), f"the fields in {results.fields}")
+        if limits is not None and shown.categories:
+            raise StudyError(
+                f"{show} has no limits: its colours are {', '.join(shown.categories)}."
+            )
+        on_nodes = shown.column in first.of_nodes
+        fields = []
+        for state in map(FieldState.read, counted(files, "saved states to read")):
+            values = shown.of(columns_of(state, shown.column)[shown.column])
+            moved = state.of_nodes["displacement_mm"][used]
+            fields.append((moved, values[used] if on_nodes else values))
+        moved, values = (np.array(arrays) for arrays in zip(*fields, strict=True))
         states = np.arange(len(files))
         frames = np.arange(FRAMES_PER_STATE * states[-1] + 1) / FRAMES_PER_STATE
         weights = np.array([np.interp(frames, states, one) for one in np.eye(len(files))]).T
         times = weights @ written_s
-        tops = np.percentile(sed[:, is_soft(mesh.tissue)], _TOP_PERCENTILE, axis=1)
+        soft = values if on_nodes else values[:, is_soft(mesh.tissue)]
+        share = 100.0 if shown.is_on_skin else _TOP_PERCENTILE
+        sizes = np.percentile(np.abs(soft), share, axis=1)
+        if shown.categories:
+            sizes = soft.mean(axis=1)
         places, turns = at_time(trace, "stimulator_mm", times).T, turns_at(trace, times)
         if joint := results.study.joint:
             angles = at_time(trace, "bone_rad", times)
@@ -136,15 +159,15 @@ class Film:
         return cls(
             mesh,
             moved,
-            sed,
+            values,
             weights,
             stimulator_mm=places,
             along=times,
-            titles=_titles(trace, times),
+            titles=titles_of(trace, times),
             label=TIME,
-            quantity="Strain energy density (kPa)",
-            top=max(float(tops.max()), 1e-6),
-            strongest=FRAMES_PER_STATE * int(np.argmax(tops)),
+            shown=shown,
+            limits=limits or shown.limits(soft),
+            strongest=FRAMES_PER_STATE * int(np.argmax(sizes)),
             receptors_mm=trace["receptors_mm"]
             + np.moveaxis(at_time(trace, "moved_mm", times), -1, 0),
             fired=_fired(results, times),
@@ -182,8 +205,8 @@ class Film:
             along=phase,
             titles=[f"{title}{angle:.0f}°" for angle in phase],
             label="Phase (°)",
-            quantity="Amplitude (mm/mm)",
-            top=top,
+            shown=Quantity("Amplitude (mm/mm)", "moved"),
+            limits=(0.0, top),
             strongest=round(largest) % FRAMES_PER_PERIOD,
         )
 
@@ -217,16 +240,16 @@ def _drawn_mesh(
     return FingerMesh(points, numbers.reshape(cells.shape), tissue, *facets), used
 
 
-def _titles(trace: dict[str, NDArray[Any]], times_s: Array) -> list[str]:
+def titles_of(trace: Mapping[str, NDArray[Any]], at_s: ArrayLike) -> list[str]:
     """Return the titles of frames: phase, time, displacement where there is any, and depth."""
-    over = Abscissa.of(trace)
+    over, times_s = Abscissa.of(trace), np.asarray(at_s)
     phases = over.phases
     slid, deep = (at_time(trace, name, times_s) for name in ("displacement_mm", "depth_mm"))
     turns = turns_at(trace, times_s)
     turned = [""] * len(times_s)
     if turns is not None:
         angles = np.degrees(np.linalg.norm(turns, axis=1))
-        turned = [f", turned {angle:.1f}°" for angle in angles]
+        turned = [f", turned {angle:.1f}°" if angle >= _LEAST_DEG else "" for angle in angles]
     ends = np.array([phase.end for phase in phases]) / over.per_s
     titles = []
     for time, slid_mm, deep_mm, turn in zip(times_s, slid, deep, turned, strict=True):

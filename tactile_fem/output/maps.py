@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from tactile_fem.errors import StudyError
 from tactile_fem.finger.plane import AXES
 from tactile_fem.finger.simplex import Indices
-from tactile_fem.output.annotations import BLUE, SCALE
+from tactile_fem.output.annotations import BLUE, dots
 from tactile_fem.output.plots import styled
+from tactile_fem.output.quantities import Quantity, around_corners, quantity_of
 from tactile_fem.results.surfaces import SurfaceFields
 
 Array = NDArray[np.float64]
@@ -26,36 +26,45 @@ _COLOURS = 256
 
 
 @styled
-def surface_map(surface: SurfaceFields, column: str = "sed_kPa") -> Figure:
-    """Draw a column of `SurfaceFields.table` over the undeformed places, Y to the right.
+def surface_map(surface: SurfaceFields, show: str = "sed_kPa", title: str = "") -> Figure:
+    """Draw a column of `SurfaceFields.table`, or a quantity, over the undeformed places.
 
-    Only the lower side of the closed surface is drawn. Of a section, values are drawn over Y or X.
+    Y is to the right. Only the lower side of the closed surface is drawn. Of a section, values are
+    drawn over Y or X. By default the title states time and displacement.
 
     Raises
     ------
     StudyError
         There is no such column.
     """
-    table = surface.table()
-    if column not in table:
-        raise StudyError(f"{column} is no column of the surface: choose {', '.join(table)}.")
-    values, facets = table[column], surface.facets[faces_down(surface)]
+    places = {
+        f"{axis.lower()}_mm": own for axis, own in zip(AXES, surface.points_mm.T, strict=True)
+    }
+    columns = {**places, **surface.columns}
+    quantity = quantity_of(show, columns, "the surface")
+    values, facets = quantity.of(columns[quantity.column]), surface.facets[faces_down(surface)]
     draw = _draw_line if facets.shape[1] == 2 else _draw_map
-    return draw(surface, values, facets, _label(column))
-
-
-def _draw_line(surface: SurfaceFields, values: Array, facets: Indices, label: str) -> Figure:
-    figure = Figure(figsize=(_AXES_INCHES + 1.0, 3.4), layout="constrained")
-    axes, axis = figure.subplots(), int(np.ptp(surface.points_mm, axis=0)[:2].argmax())
-    lines = np.stack([surface.points_mm[:, axis], values], axis=-1)[facets]
-    axes.add_collection(LineCollection(list(lines), colors=BLUE))
-    axes.autoscale_view()
-    axes.set(xlabel=f"{AXES[axis]} (mm)", ylabel=label)
-    axes.set_title(_state(surface), size=9)
+    figure = draw(surface, values, facets, quantity)
+    figure.axes[0].set_title(title or _state(surface), size=9, wrap=True)
     return figure
 
 
-def _draw_map(surface: SurfaceFields, values: Array, facets: Indices, label: str) -> Figure:
+def _draw_line(surface: SurfaceFields, values: Array, facets: Indices, of: Quantity) -> Figure:
+    figure = Figure(figsize=(_AXES_INCHES + 1.0, 3.4), layout="constrained")
+    axes, axis = figure.subplots(), int(np.ptp(surface.points_mm, axis=0)[:2].argmax())
+    lines = np.stack([surface.points_mm[:, axis], values], axis=-1)[facets]
+    if of.categories:
+        lines = around_corners(surface.points_mm[:, [axis, axis]], facets)
+        lines[..., 1] = values[facets].reshape(-1, 1)
+    axes.add_collection(LineCollection(list(lines), colors=BLUE))
+    axes.autoscale_view()
+    axes.set(xlabel=f"{AXES[axis]} (mm)", ylabel=of.label)
+    if of.categories:
+        axes.set_yticks(range(len(of.categories)), list(of.categories))
+    return figure
+
+
+def _draw_map(surface: SurfaceFields, values: Array, facets: Indices, of: Quantity) -> Figure:
     x, y = surface.points_mm[:, 0], surface.points_mm[:, 1]
     used = np.unique(facets)
     size = np.abs(values[used])
@@ -65,29 +74,29 @@ def _draw_map(surface: SurfaceFields, values: Array, facets: Indices, label: str
     height = _AXES_INCHES * (bottom - top) / (right - left)
     figure = Figure(figsize=(_AXES_INCHES + 1.6, height + 1.0), layout="constrained")
     axes = figure.subplots()
-    low, high = values[used].min(), values[used].max()
-    levels = np.linspace(low, high if high > low else low + 1.0, _COLOURS)
-    axes.tricontourf(Triangulation(y, x, facets), values, levels, cmap=SCALE)
-    scale = ScalarMappable(Normalize(*levels[[0, -1]]), SCALE)
-    bar = figure.colorbar(scale, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=label)
-    bar.outline.set_visible(False)
+    if of.categories:
+        colours = np.array(list(of.categories.values()))[values[facets.ravel()].astype(int)]
+        parts = around_corners(np.column_stack([y, x]), facets)
+        axes.add_collection(PolyCollection(parts, facecolors=colours, edgecolors="face", lw=0.2))
+        figure.legend(handles=dots(of.categories), loc="outside right center", fontsize=8)
+    else:
+        low, high = values[used].min(), values[used].max()
+        levels = np.linspace(low, high if high > low else low + 1.0, _COLOURS)
+        if low < 0 < high:
+            levels = np.linspace(-max(-low, high), max(-low, high), _COLOURS)
+        limits = float(levels[0]), float(levels[-1])
+        colours = of.colours(limits)
+        axes.tricontourf(Triangulation(y, x, facets), values, levels, cmap=colours)
+        scale = ScalarMappable(Normalize(*limits), colours)
+        bar = figure.colorbar(scale, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=of.label)
+        bar.outline.set_visible(False)
     axes.set(xlabel="Y (mm)", ylabel="X (mm)", aspect="equal")
     axes.set(xlim=(left, right), ylim=(bottom, top))  # letters are upright
-    axes.set_title(_state(surface), size=9)
     return figure
 
 
 def _state(surface: SurfaceFields) -> str:
     return f"{1000 * surface.time_s:.0f} ms, displacement {surface.at_mm:.2f} mm"
-
-
-def _label(column: str) -> str:
-    """Return the name of a column as it is written: contact pressure (kPa)."""
-    name, _, unit = column.rpartition("_")
-    if unit not in ("mm", "mm2", "kPa"):
-        return column.replace("_", " ").capitalize()
-    words = "strain energy density" if name == "sed" else name.replace("_", " ")
-    return f"{words.capitalize()} ({unit.replace('2', '²')})"
 
 
 def faces_down(surface: SurfaceFields) -> NDArray[np.bool_]:

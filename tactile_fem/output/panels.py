@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tactile_fem.output.abscissa import Abscissa, inches
 from tactile_fem.output.annotations import ShownFigure
+from tactile_fem.runtime.files import in_print
 
 LEFT, _GAP = 0.9, 0.15  # inches
+
+
+def page_inches() -> float:
+    """Return the width that a figure may have."""
+    return in_print.get().layout((np.inf, np.inf), 1.0)[0][0]
 
 
 def panels(
@@ -24,9 +31,13 @@ def panels(
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure and its panels; their heights and width and the margins are in inches.
 
+    All panels are made smaller if the page is not as wide.
+
     Phases are named above the first panel; the axis is labelled below the last one, and below its
     labels there is room for more.
     """
+    share = min(1.0, (page_inches() - LEFT - right) / width)
+    heights, width = [share * height for height in heights], share * width
     bottom = (1.0 if over.is_to_scale else 0.5) + below
     inner = sum(heights) + _GAP * (len(heights) - 1)
     size = LEFT + width + right, bottom + inner + top

@@ -1,8 +1,8 @@
 """Pictures of the finger, drawn off screen in a separate process.
 
 A graphics library can crash the process that loads it, so a scan does not load one: it starts
-``python -m tactile_fem.output.pictures FOLDER DPI [AMPLITUDE_MM]``, which draws the states of a
-scan or, with an amplitude, the shapes of its vibration, and prints the names of the files.
+``python -m tactile_fem.output.pictures FOLDER DPI WIDTH_MM [AMPLITUDE_MM]``, which draws the states
+of a scan or, with an amplitude, the shapes of its vibration, and prints the names of the files.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tactile_fem.results.fields import read_series
 from tactile_fem.results.histories import central_receptor, extrema
 from tactile_fem.results.results import Results
 from tactile_fem.runtime import doctor
-from tactile_fem.runtime.files import write_figure
+from tactile_fem.runtime.files import Print, in_print, write_figure
 
 if TYPE_CHECKING:
     from tactile_fem.output.view import Frames
@@ -74,13 +74,10 @@ def prepare_drawing(plane: Plane, *, off_screen: bool = True) -> None:
         pyvista.vtk_verbosity("off")  # without a display VTK warns before it draws off screen
 
 
-def draw_pictures(
-    results: Results, amplitude_mm: float | None = None, *, dpi: int | None = None
-) -> list[Path]:
+def draw_pictures(results: Results, amplitude_mm: float | None = None) -> list[Path]:
     """Draw the states of a scan, or the shapes of its vibration, into its folder.
 
-    Return the files, which have 200 dots per inch if none are given. All errors are logged as
-    warnings: pictures are less important than data.
+    Return the files. All errors are logged as warnings: pictures are less important than data.
     """
     reason = can_draw(results.study.finger.section_plane)
     if reason is None and amplitude_mm is None and not read_series(results.fields)[1]:
@@ -89,7 +86,9 @@ def draw_pictures(
         logger.warning("%s", reason)
         return []
     logger.info("drawing 3-D pictures of the finger, which can take some minutes")
-    command = [sys.executable, "-m", _MODULE, str(results.folder), str(dpi or PICTURE_DPI)]
+    width_mm, dpi = in_print.get()
+    size = str(dpi or PICTURE_DPI), repr(width_mm or 0.0)
+    command = [sys.executable, "-m", _MODULE, str(results.folder), *size]
     command += [] if amplitude_mm is None else [repr(amplitude_mm)]
     try:
         done = subprocess.run(
@@ -124,26 +123,25 @@ def _environment() -> dict[str, str]:
 # --- in that process ---------------------------------------------------------------------------
 
 
-def main(folder: str, dpi: str, amplitude_mm: str | None = None) -> int:
-    """Draw into a results folder and print the names of the files."""
-    results, dots = Results.open(folder), int(dpi)
-    drawn = _states(results, dots)
-    if amplitude_mm is not None:
-        drawn = _shapes(results, dots, float(amplitude_mm))
-    for path, figure in drawn:
+def main(folder: str, dpi: str, width_mm: str, amplitude_mm: str | None = None) -> int:
+    """Draw into a results folder and print the names of the files; a width of 0 is their own."""
+    in_print.set(Print(float(width_mm) or None, int(dpi)))
+    results = Results.open(folder)
+    shown = _states(results) if amplitude_mm is None else _shapes(results, float(amplitude_mm))
+    for path, figure in shown:
         path.parent.mkdir(exist_ok=True)
         write_figure(path, figure)
         print(path, flush=True)
     return 0
 
 
-def _states(results: Results, dpi: int) -> Iterator[tuple[Path, Figure]]:
+def _states(results: Results) -> Iterator[tuple[Path, Figure]]:
     """Yield the layers of a solid finger, and the deformations with the largest and least SED."""
     film = Film.of_scan(results)
     if film.mesh.plane.is_space:
         from tactile_fem.output.anatomy import finger_figure
 
-        yield results.figures / "finger.png", finger_figure(film.mesh, dpi)
+        yield results.figures / "finger.png", finger_figure(film.mesh)
     for earlier in results.figures.glob("deformation_*.png"):
         earlier.unlink()
     frames, over = frames_of(results, film, "deformation"), Abscissa.of(results.trace)
@@ -152,15 +150,15 @@ def _states(results: Results, dpi: int) -> Iterator[tuple[Path, Figure]]:
         name = f"{film.along[k]:06.3f}_s"
         if over.is_to_scale and film.along[k] >= 0 and film.slid_mm is not None:
             name = f"{film.slid_mm[k]:05.2f}"
-        yield results.figures / f"deformation_{name}.png", frames.figure(k, dpi)
+        yield results.figures / f"deformation_{name}.png", frames.figure(k)
 
 
-def _shapes(results: Results, dpi: int, amplitude_mm: float) -> Iterator[tuple[Path, Figure]]:
+def _shapes(results: Results, amplitude_mm: float) -> Iterator[tuple[Path, Figure]]:
     """Yield the finger at the largest deflection of its vibration at each frequency."""
     modes = Modes.load(results.vibration / "modes.npz")
     for k, frequency in enumerate(modes.frequency_Hz):
         film = Film.of_vibration(modes, k, amplitude_mm)
-        figure = frames_of(results, film, "vibration").figure(film.strongest, dpi)
+        figure = frames_of(results, film, "vibration").figure(film.strongest)
         yield results.vibration / f"shape_{frequency:.4g}_Hz.png", figure
 
 

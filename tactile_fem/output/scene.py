@@ -20,20 +20,22 @@ from tactile_fem.output.annotations import (
     COLOURS,
     PICTURE_DPI,
     RIGID,
-    SCALE,
     SIZE_INCHES,
     WINDOW_DPI,
     ColourBar,
     annotate,
     draw_scale,
+    is_soft,
     legend_of,
     pixels,
     receptor_colours,
     receptor_labels,
 )
 from tactile_fem.output.film import Film
+from tactile_fem.output.quantities import around_corners
 from tactile_fem.path.rotations import matrix
 from tactile_fem.results.results import Results
+from tactile_fem.runtime.files import in_print
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.sampled import DistanceGrid
 
@@ -47,6 +49,8 @@ _RIM_SHIFT_MM = 0.035
 # Receptors, silent and firing: colours of a single population, and radii in mm.
 _RECEPTORS, _RADII_MM = ("#101010", "#FFFFFF"), (0.07, 0.1)
 _RIM_WIDTH = 1.5  # pixels at the resolution of pictures
+# What is flatter has no outline; by how much of VTK's unit a layer is nearer to the eye.
+_LEAST_RELIEF_MM, _LAYER = 0.05, 4e3
 # Distance from the receptors to the cut behind them.
 _CUT_DISTANCE_MM = 0.15
 # The interface is shown up to this height above its lowest point, or above the receptors.
@@ -74,6 +78,7 @@ class Look(NamedTuple):
 # The cut lies beside X = 0, where meshes have faces.
 _CUT_ORIGIN = (-1e-4, 0.0, 0.0)
 CLOSE = Look("x", _CUT_ORIGIN, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), 8.4)
+BENEATH = Look("x", (100.0, 0.0, 0.0), (14.0, -5.0, -30.0), (0.0, 0.0, 1.0), 8.4)
 WHOLE = Look("x", _CUT_ORIGIN, (30.0, -9.0, 15.0), (0.0, 2.0, 3.8), 11.0)
 
 
@@ -96,12 +101,15 @@ class Scene:
     ) -> None:
         self.film, self.look, self.bar = film, look, bar
         self.legend = legend_of(RIGID if coloured else COLOURS)
+        on_skin = "skin" in coloured
         self.plotter = new_plotter(off_screen=off_screen)
         look_at(self.plotter, look.towards_eye, look.focus, look.half_height_mm)
         self._updates: list[Callable[[int], None]] = []
         self._rims: list[str] = []
         # The faces first: hidden shells are then not shaded, which takes most of the time.
         for tissue, kind, mesh in sorted(_cut(film, look), key=lambda piece: piece[1]):
+            if on_skin and tissue not in RIGID:
+                continue
             style: dict[str, Any] = {"color": COLOURS[tissue]}
             if kind in coloured and tissue not in RIGID:
                 style = {}
@@ -109,6 +117,9 @@ class Scene:
             self.add(f"{tissue} {kind}", mesh, **style)
             if kind == "face":
                 self.add_rim(f"{tissue} rim", mesh)
+        if on_skin:
+            self.add("skin", _skin(film), lighting=False, below_color=COLOURS["stratum_corneum"])
+            self._bring_forward("skin", 1)
         if stimulator.n_points:
             drawn = stimulator.copy()
 
@@ -119,7 +130,9 @@ class Scene:
                     # In place, as the plotter draws a shallow copy.
                     drawn.point_data.active_normals[:] = normals @ matrix(turn).T
 
-            self._add("stimulator", drawn, place, **RELIEF)
+            self._add("stimulator", drawn, place, **RELIEF, opacity=0.5 if on_skin else 1.0)
+            if on_skin or not coloured:
+                self._add_outline(stimulator)
 
     def add(self, name: str, mesh: pv.PolyData, **style: Any) -> None:
         """Add a mesh that moves with the film; without a colour it shows the values of the film."""
@@ -128,16 +141,17 @@ class Scene:
         moved = mesh["moved_mm"].reshape(mesh.n_points, -1, 3)
 
         def move(k: int) -> None:
-            weights = self.film.weights[k]
-            drawn.points = mesh.points + np.einsum("nfi,f->ni", moved, weights)
-            if self.bar is not None:
-                values = mesh["values"].reshape(mesh.n_points, -1)  # of one field they are (n,)
-                drawn["values"] = np.maximum(values @ weights, self.bar.scale.vmin)
+            drawn.points = mesh.points + np.einsum("nfi,f->ni", moved, self.film.weights[k])
+            if self.bar is not None and "values" in mesh.array_names:
+                values = mesh["values"].reshape(len(mesh["values"]), -1)  # of one field (n,)
+                now = values @ self.film.value_weights[k]
+                drawn["values"] = np.maximum(now, self.bar.scale.vmin) if log else now
 
+        log = self.bar is not None and isinstance(self.bar.scale, LogNorm)
         if "color" not in style and self.bar is not None:
-            scale = self.bar.scale
-            style |= {"scalars": "values", "cmap": SCALE, "clim": (scale.vmin, scale.vmax)}
-            style["log_scale"] = isinstance(scale, LogNorm)
+            scale, colours = self.bar.scale, self.bar.colours
+            style |= {"scalars": "values", "cmap": colours, "clim": (scale.vmin, scale.vmax)}
+            style["log_scale"] = log
         self._add(name, drawn, move, **style)
 
     def add_rim(self, name: str, mesh: pv.PolyData) -> None:
@@ -147,6 +161,28 @@ class Scene:
         shifted = edges.translate(_RIM_SHIFT_MM * eye / np.linalg.norm(eye))
         self.add(name, shifted, color="black", line_width=_RIM_WIDTH)
         self._rims.append(name)
+
+    def _add_outline(self, stimulator: pv.PolyData) -> None:
+        """Add the outline of the body at half its height, which is seen through the finger."""
+        low, high = stimulator.bounds[-2:]
+        outline = stimulator.contour([(low + high) / 2], scalars="height_mm")
+        if high - low < _LEAST_RELIEF_MM or not outline.n_points:
+            return
+        drawn = outline.copy()
+
+        def place(k: int) -> None:
+            drawn.points = self.film.in_space(outline.points, k)
+
+        self._add("outline", drawn, place, color="black", line_width=_RIM_WIDTH)
+        self._rims.append("outline")
+        self._bring_forward("outline", 2)
+
+    def _bring_forward(self, name: str, layer: int) -> None:
+        """Draw something before all of lower layers, however far behind it is."""
+        mapper = self.plotter.actors[name].mapper
+        mapper.SetResolveCoincidentTopologyToPolygonOffset()
+        mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, -_LAYER * layer)
+        mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(0.0, -_LAYER * layer)
 
     def add_receptors(self, places_mm: NDArray[np.float64]) -> None:
         """Add a ball at each undeformed place (r, 3), coloured by population."""
@@ -185,14 +221,15 @@ class Scene:
         self.plotter.reset_camera_clipping_range()
         self.plotter.render()
 
-    def figure(self, k: int, dots_per_inch: int = PICTURE_DPI) -> Figure:
+    def figure(self, k: int, dots_per_inch: float = PICTURE_DPI) -> Figure:
         """Return frame `k` with title, legend, colour bar and scale bar."""
+        size, dots_per_inch = in_print.get().layout(SIZE_INCHES, dots_per_inch)
         for name in self._rims:
             self.plotter.actors[name].prop.line_width = _RIM_WIDTH * dots_per_inch / PICTURE_DPI
         self.show(k)
-        figure = Figure(figsize=SIZE_INCHES, dpi=dots_per_inch)
+        figure = Figure(figsize=size, dpi=dots_per_inch)
         # Exactly as large, as resampling takes half as long as drawing.
-        figure.figimage(shot(self.plotter, *pixels(dots_per_inch)), zorder=-1)
+        figure.figimage(shot(self.plotter, *pixels(dots_per_inch, size)), zorder=-1)
         annotate(figure, self.film.titles[k], self.legend, self.bar)
         draw_scale(figure, self.look.share_of_width)
         return figure
@@ -202,9 +239,15 @@ class Scene:
 
 
 def deformation_scene(results: Results, film: Film, *, off_screen: bool = True) -> Scene:
-    """Return the finger cut along X = 0, coloured by strain energy density."""
-    bar = ColourBar(film.quantity, LogNorm(film.top / 1000, film.top), (0.3, 0.085, 0.4, 0.022))
-    return Scene(film, stimulator_surface(results), CLOSE, bar, ("face",), off_screen=off_screen)
+    """Return the finger coloured by the film: cut along X = 0, or its skin from beneath."""
+    shown = film.shown
+    assert shown is not None
+    look, coloured = (BENEATH, "skin") if shown.is_on_skin else (CLOSE, "face")
+    bar = _bar(film, (0.3, 0.085, 0.4, 0.022))
+    surface = stimulator_surface(results)
+    scene = Scene(film, surface, look, bar, (coloured,), off_screen=off_screen)
+    scene.legend |= shown.categories
+    return scene
 
 
 def receptor_scene(results: Results, film: Film, *, off_screen: bool = True) -> Scene:
@@ -218,7 +261,7 @@ def receptor_scene(results: Results, film: Film, *, off_screen: bool = True) -> 
     look = Look("y", (0.0, cut, 0.0), (9.0, 27.5, 20.4), (0.0, cut + 0.5, 3.6), 9.6)
     front = surface.clip("y", origin=look.origin, invert=False).clip("z", origin=(0.0, 0.0, rim))
     top = max(float(np.percentile(front["values"], 99.8, axis=0).max()), 1e-6)
-    title = "Strain energy density\non the interface (kPa)"
+    title = "Strain energy density on the interface (kPa)"
     bar = ColourBar(title, Normalize(0.0, top), (0.87, 0.52, 0.018, 0.38))
     scene = Scene(film, stimulator_surface(results), look, bar, off_screen=off_screen)
     scene.add("interface", front, lighting=False)
@@ -229,9 +272,15 @@ def receptor_scene(results: Results, film: Film, *, off_screen: bool = True) -> 
 
 def vibration_scene(results: Results, film: Film, *, off_screen: bool = True) -> Scene:
     """Return the vibrating finger cut along X = 0, coloured by the amplitude."""
-    bar = ColourBar(film.quantity, Normalize(0.0, film.top), (0.87, 0.52, 0.018, 0.38))
-    surface, coloured = stimulator_surface(results), ("face", "shell")
-    return Scene(film, surface, WHOLE, bar, coloured, off_screen=off_screen)
+    bar, surface = _bar(film, (0.87, 0.52, 0.018, 0.38)), stimulator_surface(results)
+    return Scene(film, surface, WHOLE, bar, ("face", "shell"), off_screen=off_screen)
+
+
+def _bar(film: Film, box: tuple[float, float, float, float]) -> ColourBar:
+    assert film.shown is not None
+    shown, scale = film.shown, film.shown.scale(film.limits)
+    label = "" if shown.categories else shown.label  # these are in the legend
+    return ColourBar(label, scale, box, shown.colours(film.limits))
 
 
 # --- meshes ------------------------------------------------------------------------------------
@@ -297,6 +346,21 @@ def _cut(film: Film, look: Look) -> Iterator[tuple[str, str, pv.PolyData]]:
         for kind, mesh in (("face", face), ("shell", shell)):
             if mesh.n_points:
                 yield name, kind, mesh
+
+
+def _skin(film: Film) -> pv.PolyData:
+    """Return the undeformed skin with the fields, of categories one piece around each node."""
+    surface = _grid(film).extract_surface(algorithm=None)
+    soft = is_soft(surface.cell_data["tissue"])
+    if film.shown is None or not film.shown.categories:
+        return surface.extract_cells(soft).extract_surface(algorithm=None)
+    facets = surface["node"][surface.regular_faces[soft]]
+    parts = around_corners(film.mesh.nodes, facets).reshape(-1, 3)
+    pieces = pv.PolyData.from_regular_faces(parts, np.arange(len(parts)).reshape(-1, 4))
+    moved = around_corners(np.moveaxis(film.moved_mm, 0, 1), facets)
+    pieces.point_data["moved_mm"] = moved.reshape(len(parts), -1)
+    pieces.cell_data["values"] = film.values[:, facets.ravel()].T
+    return pieces
 
 
 def interface(film: Film, side: str) -> pv.PolyData:

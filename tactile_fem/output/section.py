@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import LogNorm, to_rgba
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -19,7 +20,6 @@ from tactile_fem.output.annotations import (
     COLOURS,
     PICTURE_DPI,
     RIGID,
-    SCALE,
     SIZE_INCHES,
     ShownFigure,
     dots,
@@ -30,7 +30,9 @@ from tactile_fem.output.annotations import (
 )
 from tactile_fem.output.film import Film
 from tactile_fem.output.plots import styled
+from tactile_fem.output.quantities import around_corners
 from tactile_fem.path.rotations import swept
+from tactile_fem.runtime.files import in_print
 from tactile_fem.stimulus import RigidBody
 
 Array = NDArray[np.float64]
@@ -45,6 +47,8 @@ _MARGIN_MM, _MARGIN_BELOW_MM = 0.6, 1.5
 _SPACING_MM, _BODY_HEIGHTS_MM = (0.03, 0.0125), (-4.0, 1.0)
 # Fields are shown in the pad: half its width, and its height.
 _PAD_SIZE_MM = 9.0, 6.5
+# Of a title; of the legend, which is higher in a narrow figure, by a share of what that lacks.
+_LETTERS_PER_INCH, _COLUMN_INCHES, _MORE_ROWS = 10, 1.25, 0.25
 
 
 class SectionScene:
@@ -59,13 +63,15 @@ class SectionScene:
         facets, first, second = facets_of(film.mesh.cells)
         beside = np.where(second < 0, 0, film.mesh.tissue[second])
         self._edges = facets[film.mesh.tissue[first] != beside]
+        self._skin = facets[(second < 0) & is_soft(film.mesh.tissue[first])]
         present = [name for name, tag in TISSUES.items() if np.any(film.mesh.tissue == tag)]
         self.legend = legend_of(present)
-        if film.quantity:
-            self.legend = legend_of(name for name in RIGID if name in present)
-            self.legend |= receptor_colours(self._population(), _RECEPTORS)
+        if (shown := film.shown) is not None:
+            if not shown.is_on_skin:
+                self.legend = legend_of(name for name in RIGID if name in present)
+            self.legend |= receptor_colours(self._population(), _RECEPTORS) | shown.categories
         (left, low), (right, high) = self._nodes.min(axis=0), self._nodes.max(axis=0)
-        if film.quantity:
+        if film.shown is not None:
             half_width, high = _PAD_SIZE_MM
             left, right = max(left, -half_width), min(right, half_width)
         self._x_limits = left - _MARGIN_MM, right + _MARGIN_MM
@@ -83,7 +89,7 @@ class SectionScene:
         self._gap = gap_of(self._sampled.reshape(-1, 3) - beside).reshape(len(z), len(x))
 
     @styled
-    def figure(self, k: int, dots_per_inch: int = PICTURE_DPI) -> Figure:
+    def figure(self, k: int, dots_per_inch: float = PICTURE_DPI) -> Figure:
         """Return frame `k` with title, legend and, for fields, a colour bar."""
         film, mesh, within = self.film, self.film.mesh, self._plane.within
         weights = film.weights[k]
@@ -91,13 +97,24 @@ class SectionScene:
         colours = np.empty((len(mesh.cells), 4))
         for name, tag in TISSUES.items():
             colours[mesh.tissue == tag] = to_rgba(COLOURS[name])
-        figure = ShownFigure(figsize=SIZE_INCHES, dpi=dots_per_inch, layout="constrained")
+        size, dots_per_inch = in_print.get().layout(SIZE_INCHES, dots_per_inch)
+        high = size[1] + _MORE_ROWS * max(0.0, SIZE_INCHES[0] - size[0])
+        figure = ShownFigure(figsize=(size[0], high), dpi=dots_per_inch, layout="constrained")
         axes = figure.subplots()
-        if film.quantity:
-            soft, least = is_soft(mesh.tissue), film.top / 1000
-            scale = ScalarMappable(LogNorm(least, film.top), SCALE)
-            colours[soft] = scale.to_rgba(np.maximum(weights @ film.values, least)[soft])
-            figure.colorbar(scale, ax=axes, extend="both", shrink=0.8, label=film.quantity)
+        if (shown := film.shown) is not None:
+            scale = ScalarMappable(shown.scale(film.limits), shown.colours(film.limits))
+            values = film.value_weights[k] @ film.values
+            if shown.is_on_skin:
+                parts = around_corners(nodes, self._skin)
+                own = scale.to_rgba(values[self._skin.ravel()])
+                axes.add_collection(LineCollection(parts, colors=own, linewidths=5, zorder=3.5))
+            else:
+                soft = is_soft(mesh.tissue)
+                if len(values) == len(nodes):
+                    values = values[mesh.cells].mean(axis=1)
+                colours[soft] = scale.to_rgba(np.maximum(values, scale.norm.vmin))[soft]
+            if not shown.categories:
+                figure.colorbar(scale, ax=axes, extend="both", shrink=0.8, label=shown.label)
         around = nodes[mesh.cells[:, _TRIANGLE_BOUNDARY]]
         style = {"edgecolors": "face", "linewidths": 0.3, "rasterized": True}
         axes.add_collection(PolyCollection(around, facecolors=colours, **style))
@@ -105,10 +122,12 @@ class SectionScene:
         self._draw_body(axes, k)
         if film.receptors_mm is not None:
             self._draw_receptors(axes, within(film.receptors_mm[k]), film.fired[k])
-        axes.set(xlim=self._x_limits, ylim=self._z_limits, aspect="equal", title=film.titles[k])
+        axes.set(xlim=self._x_limits, ylim=self._z_limits, aspect="equal")
+        axes.set_title(textwrap.fill(film.titles[k], int(_LETTERS_PER_INCH * size[0])))
         across, up = (f"{AXES[axis]} (mm)" for axis in self._plane.axes)
         axes.set(xlabel=across, ylabel=up)
-        figure.legend(handles=dots(self.legend), loc="outside lower center", ncols=6, fontsize=8)
+        style = {"ncols": int(size[0] / _COLUMN_INCHES), "fontsize": 8}
+        figure.legend(handles=dots(self.legend), loc="outside lower center", **style)
         return figure
 
     def _population(self) -> NDArray[np.str_]:

@@ -10,15 +10,21 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter
+from scipy.spatial import cKDTree
 
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.output.annotations import VERMILION
 from tactile_fem.output.cross_section import CrossSectionMap, draw_outline
+from tactile_fem.output.panels import page_inches
 from tactile_fem.output.plots import styled
 from tactile_fem.output.rasters import Line, Trains
 
 _MAPS, _FINE = 6, 160
 _MAP_INCHES, _MARGIN_MM = 1.5, 0.4
+# On a narrower page maps are in two rows.
+_LEAST_INCHES = 7.0
+# Beside all maps, and above and below each.
+_BESIDE_INCHES, _ABOVE_INCHES = 0.8, 0.75
 _SCALE = "cividis"
 
 
@@ -38,32 +44,40 @@ def snapshots(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap
         for one in spread
     ]
     scale = Normalize(0.0, max(float(rate.max()) for rate in rates) or 1.0)
-    size = 0.8 + _MAPS * _MAP_INCHES, 0.75 + 1.15 * _MAP_INCHES * len(spread)
+    columns = _MAPS if page_inches() > _LEAST_INCHES else _MAPS // 2
+    wide = min(_MAP_INCHES, (page_inches() - _BESIDE_INCHES) / columns)
+    rows = len(spread) * _MAPS // columns
+    high = _ABOVE_INCHES + wide * max(np.divide(*_sides_mm(one)) for one in spread)
+    size = _BESIDE_INCHES + columns * wide, rows * high
     figure = Figure(figsize=size, layout="constrained")
-    grid = figure.subplots(len(spread), _MAPS, sharex="row", sharey="row", squeeze=False)
-    for row, one, rate in zip(grid, spread, rates, strict=True):
-        for k, axes in enumerate(row):
-            _draw_map(axes, one, rate[k], scale)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for maps, one, rate in zip(grid.reshape(len(spread), _MAPS), spread, rates, strict=True):
+        for k, axes in enumerate(maps):
+            _draw_map(axes, one, rate[k], scale, wide)
             _draw_outline(axes, beneath, float(edges[k : k + 2].mean()))
             axes.set_title(f"{_phase(over, edges[k : k + 2].mean())}{_interval(*edges[k : k + 2])}")
+            axes.tick_params(labelleft=k % columns == 0)
         name = f"{one.name}, " if len(trains) > 1 else ""
-        row[0].set(xlabel="Y (mm)", ylabel=f"{name}X (mm)")
+        maps[0].set(xlabel="Y (mm)", ylabel=f"{name}X (mm)")
     for axes in grid.flat:
         for text in (axes.title, axes.xaxis.label, axes.yaxis.label):
             text.set_fontsize(7.5)
-    bar = figure.colorbar(
-        ScalarMappable(scale, _SCALE), ax=grid, shrink=0.9, pad=0.01, label="Spikes/s"
-    )
+    style = {"shrink": 0.9, "pad": 0.01, "aspect": 8 * size[1], "label": "Spikes/s"}
+    bar = figure.colorbar(ScalarMappable(scale, _SCALE), ax=grid, **style)
     bar.outline.set_visible(False)
     return figure
 
 
-def _draw_map(axes: Axes, one: Trains, rate: np.ndarray, scale: Normalize) -> None:
+def _sides_mm(one: Trains) -> np.ndarray:
+    """Return how far receptors are spread in X and in Y, with a margin."""
+    return np.ptp(one.places_mm[:, :2], axis=0) + 2 * _MARGIN_MM
+
+
+def _draw_map(axes: Axes, one: Trains, rate: np.ndarray, scale: Normalize, wide: float) -> None:
     x, y = one.places_mm[:, 0], one.places_mm[:, 1]
     low, high = (np.array(ends) for ends in ((x.min(), y.min()), (x.max(), y.max())))
-    apart = np.sqrt(np.prod(high - low) / len(x))  # of receptors on a square grid
-    width = float(high[1] - low[1]) + 2 * _MARGIN_MM
-    point = 72 * 0.8 * _MAP_INCHES / width
+    apart = np.median(cKDTree(one.places_mm[:, :2]).query(one.places_mm[:, :2], 2)[0][:, 1])
+    point = 72 * 0.8 * wide / _sides_mm(one)[1]
     dots = {"s": (0.9 * apart * point) ** 2, "marker": "s", "linewidths": 0}
     axes.scatter(y, x, c=rate, cmap=_SCALE, norm=scale, **dots)
     axes.set(xlim=(low[1] - _MARGIN_MM, high[1] + _MARGIN_MM), aspect="equal")

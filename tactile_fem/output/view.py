@@ -6,13 +6,13 @@ import base64
 import io
 import logging
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgba
+from matplotlib.colors import Colormap, to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -21,11 +21,9 @@ from scipy.spatial import cKDTree
 from tactile_fem.output.annotations import (
     FILM_DPI,
     PICTURE_DPI,
-    SCALE,
     SIZE_INCHES,
     WINDOW_DPI,
     annotate,
-    pixels,
 )
 from tactile_fem.runtime.files import atomic_write, write_figure, write_text
 from tactile_fem.runtime.logs import counted
@@ -47,11 +45,8 @@ _FRAMES_PER_SECOND = 20
 # --- files -------------------------------------------------------------------------------------
 
 
-def save(frames: Frames, path: Path, k: int, dpi: int = PICTURE_DPI) -> None:
-    """Write an animation, .gif or .mp4, or frame `k`: .png, or of a solid finger .html.
-
-    The dots per inch are those of a .png.
-    """
+def save(frames: Frames, path: Path, k: int) -> None:
+    """Write an animation, .gif or .mp4, or frame `k`: .png, or of a solid finger .html."""
     match path.suffix:
         case ".gif":
             _save_gif(frames, path)
@@ -60,7 +55,7 @@ def save(frames: Frames, path: Path, k: int, dpi: int = PICTURE_DPI) -> None:
         case ".html":
             _save_html(frames, path, k)
         case _:
-            write_figure(path, frames.figure(k, dpi))
+            write_figure(path, frames.figure(k), PICTURE_DPI)
 
 
 def _images(frames: Frames) -> Iterator[Image.Image]:
@@ -72,17 +67,18 @@ def _images(frames: Frames) -> Iterator[Image.Image]:
 
 def _save_gif(frames: Frames, path: Path) -> None:
     """Write an endless animation."""
-    images = list(_images(frames))
-    palette = _palette(images[0], frames.legend)
+    images, film = list(_images(frames)), frames.film
+    assert film.shown is not None
+    palette = _palette(images[0], frames.legend, film.shown.colours(film.limits))
     first, *others = (_indexed(image, palette) for image in images)
     pause_ms = 1000 // _FRAMES_PER_SECOND
     with atomic_write(path) as part:
         first.save(part, "GIF", save_all=True, append_images=others, duration=pause_ms, loop=0)
 
 
-def _palette(image: Image.Image, legend: dict[str, str]) -> NDArray[np.uint8]:
+def _palette(image: Image.Image, legend: dict[str, str], scale: Colormap) -> NDArray[np.uint8]:
     """Return (256, 3) colours: those of the colour scale and legend, the rest from a frame."""
-    named = [*colormaps[SCALE](np.linspace(0, 1, 128)), *map(to_rgba, legend.values())]
+    named = [*scale(np.linspace(0, 1, 128)), *map(to_rgba, legend.values())]
     fixed = np.round(255 * np.array(named)[:, :3])
     others = image.quantize(256 - len(fixed), dither=Image.Dither.NONE).getpalette()
     return np.vstack([fixed, np.reshape(others, (-1, 3))])[:256].astype(np.uint8)
@@ -102,13 +98,15 @@ def _indexed(image: Image.Image, palette: NDArray[np.uint8]) -> Image.Image:
 def _save_mp4(frames: Frames, path: Path) -> None:
     import imageio_ffmpeg
 
-    size = pixels(FILM_DPI)
+    images = _images(frames)
+    first = next(images)
+    box = 0, 0, *(side // 2 * 2 for side in first.size)  # ffmpeg takes even numbers only
     mp4 = {"macro_block_size": 2, "output_params": ["-f", "mp4"]}
     with atomic_write(path) as part:
-        stream = imageio_ffmpeg.write_frames(str(part), size, fps=_FRAMES_PER_SECOND, **mp4)
+        stream = imageio_ffmpeg.write_frames(str(part), box[2:], fps=_FRAMES_PER_SECOND, **mp4)
         stream.send(None)
-        for image in _images(frames):
-            stream.send(image.tobytes())
+        for image in chain([first], images):
+            stream.send(image.crop(box).tobytes())
         stream.close()
 
 

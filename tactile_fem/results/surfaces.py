@@ -39,7 +39,9 @@ class SurfaceFields:
     deformed area that belongs to a point, in a section its length. On the skin also
     ``contact_pressure_kPa`` (n,), ``friction_kPa`` (n, 3), the traction on the finger, and
     ``contact`` (n,): 0 without contact, 1 where the skin sticks to the stimulator, 2 where it
-    slips. Sums of pressure or friction times area are forces.
+    slips. Sums of pressure or friction times area are forces. ``contact_area_mm2`` (n,) is the part
+    of ``area_mm2`` that touches; its sum is that of ``trace.npz``, while the area of all points
+    with contact reaches half a facet beyond its rim.
 
     Attributes
     ----------
@@ -98,16 +100,7 @@ class SurfaceFields:
         Names have the component before the unit: ``stress_xy_kPa``, ``stretches_3``.
         """
         found = dict(zip((f"{axis}_mm" for axis in _AXES), self.points_mm.T, strict=True))
-        for name, values in self.columns.items():
-            if values.ndim == 1:
-                found[name] = values
-            elif name == "stretches":
-                found |= {f"stretches_{k + 1}": column for k, column in enumerate(values.T)}
-            else:
-                base, unit = name.rsplit("_", 1)
-                parts = zip(_COMPONENTS[values.shape[1]], values.T, strict=True)
-                found |= {f"{base}_{part}_{unit}": column for part, column in parts}
-        return found
+        return found | components(self.columns)
 
     def save(self, path: Path | str) -> None:
         """Write a table, .csv, NumPy arrays, .npz, or the undeformed surface for ParaView, .vtu.
@@ -137,6 +130,21 @@ class SurfaceFields:
                     meshio.write(part, mesh, file_format="vtu")
             case _:
                 raise StudyError(f"{path} must end in {', '.join(ENDINGS)}.")
+
+
+def components(columns: Mapping[str, Array]) -> dict[str, Array]:
+    """Return columns of numbers (n,), those of vectors and tensors (n, k) split."""
+    found = dict[str, Array]()
+    for name, values in columns.items():
+        if values.ndim == 1:
+            found[name] = values
+        elif name == "stretches":
+            found |= {f"stretches_{k + 1}": column for k, column in enumerate(values.T)}
+        else:
+            base, unit = name.rsplit("_", 1)
+            parts = zip(_COMPONENTS[values.shape[1]], values.T, strict=True)
+            found |= {f"{base}_{part}_{unit}": column for part, column in parts}
+    return found
 
 
 # --- surfaces of a state -------------------------------------------------------------------------
@@ -185,7 +193,8 @@ def interface_of(
         raise StudyError(f"{side} and {other} do not meet in this finger.")
     owner = np.where(at_first, first, second)[chosen]
     found = _fields(state, corners[chosen], owner, time_s, at_mm)
-    columns = {name: values for name, values in found.columns.items() if name not in ON_SKIN}
+    skin = *ON_SKIN, "contact_area_mm2"
+    columns = {name: values for name, values in found.columns.items() if name not in skin}
     return SurfaceFields(time_s, at_mm, found.points_mm, found.facets, columns)
 
 
@@ -235,8 +244,32 @@ def _fields(
     columns["area_mm2"] = vertex_areas(nodes + moved, corners)[used]
     F = _gradients(finger, moved, cell, corner)
     columns["stretches"] = np.sqrt(np.linalg.eigvalsh(mean(np.swapaxes(F, 1, 2) @ F)))
-    columns |= {name: mean(values[cell]) for name, values in state.of_cells.items()}
+    of_cells = dict(state.of_cells)
+    if (touching := of_cells.pop("contact_area_mm2", None)) is not None:
+        each = touching[owner] / np.bincount(owner)[owner] / corners.shape[1]
+        columns["contact_area_mm2"] = np.bincount(
+            facets.ravel(), np.repeat(each, corners.shape[1]), minlength=len(used)
+        )
+    columns |= {name: mean(values[cell]) for name, values in of_cells.items()}
     return SurfaceFields(time_s, at_mm, nodes[used], facets.reshape(corners.shape), columns)
+
+
+def columns_of(state: FieldState, column: str = "") -> dict[str, Array]:
+    """Return the fields of nodes and cells by name; ``stretches`` (m, 3) are 1 if not asked for."""
+    fields = {**state.of_nodes, **state.of_cells}
+    stretches = _stretches(state) if column == "stretches" else np.ones((len(state.cells), 3))
+    others = {name: of for name, of in fields.items() if name not in ("skin", "contact_area_mm2")}
+    return {**others, "stretches": stretches}
+
+
+def _stretches(state: FieldState) -> Array:
+    """Return the principal stretches in the middles of cells, (m, 3) in increasing order."""
+    nodes = state.nodes.astype(float)
+    finger = FingerMesh(nodes, state.cells, state.tissue, *_NO_FACETS)
+    shape, every = finger.simplex, np.arange(len(state.cells))
+    moved = state.of_nodes["displacement_mm"]
+    F = np.mean([_gradients(finger, moved, every, 0 * every + k) for k in range(shape.corners)], 0)
+    return np.sqrt(np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F))
 
 
 def _gradients(finger: FingerMesh, moved: Array, cell: Indices, corner: Indices) -> Array:

@@ -9,10 +9,11 @@ import logging
 import os
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import asdict
 from functools import lru_cache, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from tactile_fem.errors import StudyError
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 PART_SUFFIX = ".part"
+_MM_PER_INCH, _LEAST_SHARE = 25.4, 0.75
 
 
 @contextmanager
@@ -64,10 +66,43 @@ def write_arrays(path: Path, arrays: Mapping[str, ArrayLike], *, compressed: boo
         save(stream, **values)
 
 
+class Print(NamedTuple):
+    """Width and dots per inch of figures; None: each figure's own."""
+
+    width_mm: float | None = None
+    dpi: int | None = None
+
+    def layout(self, size_inches: Sequence[float], dpi: float) -> tuple[tuple[float, float], float]:
+        """Return the size, inches, at which a figure is laid out, and its dots per inch then.
+
+        It is at most a third wider than in print, where letters so have 3/4 of their size or more.
+        """
+        width, height = size_inches
+        wanted = width if self.width_mm is None else self.width_mm / _MM_PER_INCH
+        laid_out = max(wanted, min(width, wanted / _LEAST_SHARE))
+        return (laid_out, height * laid_out / width), (self.dpi or dpi) * wanted / laid_out
+
+    @contextmanager
+    def used(self) -> Iterator[None]:
+        """Have figures drawn and written so."""
+        before = in_print.set(self)
+        try:
+            yield
+        finally:
+            in_print.reset(before)
+
+
+in_print: ContextVar[Print] = ContextVar("in_print", default=Print())
+
+
 def write_figure(path: Path, figure: Figure, dpi: float | None = None) -> None:
-    """Write a figure as a PNG, with matplotlib's dots per inch if none are given."""
+    """Write a figure as a PNG, as it is to be printed, otherwise with its own dots per inch."""
+    wanted = in_print.get().dpi or dpi or figure.dpi
+    size, dots = in_print.get().layout(figure.get_size_inches().tolist(), wanted)
+    figure.set_size_inches(size)
+    kept = {"dpi": (wanted, wanted)}  # in the file: others print it by them
     with atomic_write(path) as part:
-        figure.savefig(part, format="png", dpi=dpi)
+        figure.savefig(part, format="png", dpi=dots, pil_kwargs=kept)
 
 
 def write_table(path: Path, rows: Sequence[Any]) -> None:

@@ -15,7 +15,7 @@ from matplotlib.textpath import TextPath
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
-from tactile_fem.output.abscissa import Abscissa
+from tactile_fem.output.abscissa import Abscissa, inches
 from tactile_fem.output.annotations import DISTINCT
 from tactile_fem.output.panels import panels
 from tactile_fem.output.plots import styled
@@ -78,6 +78,7 @@ def comparison_figure(scans: Mapping[str, Results]) -> Figure:
     width = max(_WIDTH, sum(columns) + _MARGIN - _LEFT)
     below = _ROW * len(rows) + 2 * _MARGIN
     figure, axes = panels(heights, over, width, below=below)
+    share, width = inches(axes[0])[0] / width, inches(axes[0])[0]
     for (name, scan), colour in zip(scans.items(), colours, strict=True):
         _draw_histories(axes[:3], scan, over, color=colour, lw=1.2, label=name)
     _label_histories(axes[:3], scans.values(), -0.52 / width)
@@ -85,7 +86,7 @@ def comparison_figure(scans: Mapping[str, Results]) -> Figure:
         _draw_spikes(one, population, scans.values(), over, colours)
     size = figure.get_size_inches()
     box = np.array([_MARGIN, _MARGIN, _LEFT + width - _MARGIN, _ROW * len(rows)])
-    _draw_table(figure.add_axes(tuple(box / [*size, *size])), rows, columns, colours)
+    _draw_table(figure.add_axes(tuple(box / [*size, *size])), rows, columns, colours, share)
     return figure
 
 
@@ -153,7 +154,11 @@ def _colours(count: int) -> list[str]:
 
 
 def _draw_table(
-    axes: Axes, rows: Sequence[Sequence[str]], columns: Sequence[float], colours: Sequence[str]
+    axes: Axes,
+    rows: Sequence[Sequence[str]],
+    columns: Sequence[float],
+    colours: Sequence[str],
+    share: float,
 ) -> None:
     """Fill axes with a table; a line before each name has the colour of the scan."""
     axes.set_axis_off()
@@ -166,7 +171,7 @@ def _draw_table(
         edges="horizontal",
     )
     table.auto_set_font_size(False)
-    table.set_fontsize(_FONT_PT)
+    table.set_fontsize(share * _FONT_PT)
     for (row, column), cell in table.get_celld().items():
         cell.set(linewidth=0.4)
         if column == 0 and row:

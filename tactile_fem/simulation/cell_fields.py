@@ -40,20 +40,27 @@ class CellFields:
         # Of all ranks, on the first one.
         self._gathered = gather_rows(self._comm, cells[:, None])[:, 0]
 
-    def gather(self) -> dict[str, np.ndarray]:
+    def gather(self, **own: np.ndarray) -> dict[str, np.ndarray]:
         """Return ``sed_kPa`` (cells,) and ``stress_kPa`` (cells, 6) on the first rank.
 
-        The stress is Cauchy's; see `tactile_fem.results.fields.TENSOR` for its components. All
-        ranks call; the others get none, (0,) and (0, 6).
+        The stress is Cauchy's; see `tactile_fem.results.fields.TENSOR` for its components. Values
+        of this rank's `own` cells, (own cells,), are gathered as well. All ranks call; the others
+        get none, (0,) and (0, 6).
         """
-        columns = 1 + len(TENSOR)
+        columns = 1 + len(TENSOR) + len(own)
         means = [np.empty((0, columns))]
         for fields, cells in self._parts:
             if len(cells):
                 local = fields.eval(self._mesh, cells).reshape(len(cells), len(self._weights), -1)
-                means.append(np.einsum("q,cqi->ci", self._weights, local))
+                mean = np.einsum("q,cqi->ci", self._weights, local)
+                means.append(np.column_stack([mean, *(values[cells] for values in own.values())]))
         values = rows = gather_rows(self._comm, np.concatenate(means))
         if not self._comm.rank:
             values = np.zeros((self._count, columns))
             values[self._gathered] = rows
-        return {"sed_kPa": values[:, 0], "stress_kPa": values[:, 1:]}
+        stress, others = np.split(values[:, 1:], [len(TENSOR)], axis=1)
+        return {
+            "sed_kPa": values[:, 0],
+            "stress_kPa": stress,
+            **dict(zip(own, others.T, strict=True)),
+        }

@@ -88,7 +88,7 @@ class Recorder:
             load = seen.step.load
             forces = load.pressure_N, load.friction_N, load.bound_N
             vectors = [order.gather(problem.u), *map(order.gather_owned, forces)]
-            cells = self._cells.gather()
+            cells = self._cells.gather(contact_area_mm2=load.touching_mm2)
 
         def write() -> bool:
             assert self._fields is not None
