@@ -1,6 +1,8 @@
 """Spikes as NWB files, and what other packages read from them and from neo objects."""
 
 import importlib
+import subprocess
+import sys
 from importlib.util import find_spec
 
 import numpy as np
@@ -81,3 +83,10 @@ def test_elephant_takes_neo_objects(tmp_path):
     assert rates == pytest.approx(results.response.counts() / (end - start))
     binned = statistics.time_histogram(trains, (end - start) / 10 * pq.s)
     assert binned.magnitude.sum() == results.response.counts().sum()
+
+
+@pytest.mark.skipif(not find_spec("h5py"), reason="there is no other HDF5 than that of PETSc")
+def test_an_nwb_file_can_be_written_after_a_scan():
+    code = "import tactile_fem.simulation.run, h5py"  # once: Not a datatype
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -51,6 +51,8 @@ def load() -> str:
     It raises ImportError if DOLFINx is missing, of another release, without PETSc or of complex
     scalars.
     """
+    if find_spec("h5py") is not None:  # of readers of instruments' files, of NWB files
+        import h5py  # noqa: F401  (its HDF5 does not load behind that of PETSc, which is another)
     if find_spec("dolfinx_solver") is not None:
         import dolfinx_solver  # noqa: F401  (loads MPI before the compiled modules)
     _prepare_compilation()
