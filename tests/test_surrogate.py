@@ -519,7 +519,7 @@ def test_rates_that_differ_by_less_than_their_error_are_named(firing, caplog):
     assert rates.error_Hz("rate_error")[0] == pytest.approx(0.2 * mean[0])
     limit = np.sqrt(2) * 0.02 * mean[0]
     assert said == (
-        "rates differ by less than the error of the fast finger: "
+        "means over all afferents differ by less than their error: "
         f"one and same (0.0 of {limit:.1f} spikes/s)."
     )
     caplog.clear()

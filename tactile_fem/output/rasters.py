@@ -41,7 +41,7 @@ _HEIGHT_INCHES, _TALLEST, _WIDEST, _NARROWEST = 3.2, 4.2, 8.5, 1.3
 # Of one of several panels, of a row of spikes, and beside a colour bar.
 _LOW_INCHES, _ROW_INCHES, _RIGHT_INCHES = 1.42, 0.02, 0.8
 _WIDTH_INCHES = 5.2
-_LINE_MM, _LEAST_BAND = 1e-9, 0.1  # share of all bands
+_LINE_MM, _LEAST_BAND = 1e-9, 0.15  # share of all bands
 
 
 class Trains(NamedTuple):
@@ -104,7 +104,7 @@ def draw_raster(spikes: Spikes, by: ArrayLike = (), *, width_mm: float = 85.0) -
     Raises
     ------
     StudyError
-        There are not as many classes as afferents.
+        There are not as many classes as afferents, or no responses.
     """
     trains, over = trains_by(spikes, by)
     figure, (axes,) = _page([_height_of_bands(trains)], over, width_mm)
@@ -121,7 +121,9 @@ def draw_psth(
     figure, (axes,) = _page([0.016 * width_mm], over, width_mm, top=0.4)
     for one in trains:
         edges_s, counts = one.response.psth(bin_s)
-        axes.stairs(counts.mean(axis=1) / bin_s, edges_s, color=one.colour, label=one.name)
+        edges_s[-1] = min(edges_s[-1], one.response.end_s)
+        rate_Hz = counts.mean(axis=1) / np.diff(edges_s)
+        axes.stairs(rate_Hz, edges_s, color=one.colour, label=one.name)
     axes.set(ylim=(0, None), ylabel="Spikes/s per afferent")
     if len(trains) > 1:
         legend_above([axes])
@@ -136,13 +138,13 @@ def draw_rates(spikes: Spikes, by: ArrayLike = (), *, width_mm: float = 85.0) ->
     figure, all_axes = _page(heights, over, width_mm, right=_RIGHT_INCHES)
     _draw_rates(all_axes, trains, [np.arange(len(one.places_mm)) for one in trains], over)
     for axes, one in zip(all_axes, trains, strict=True):
-        axes.set_ylabel(one.name)
+        axes.set_ylabel(f"{one.name}, afferent")
         axes.invert_yaxis()
     return figure
 
 
 def _page(
-    heights: Sequence[float], over: Abscissa, width_mm: float, right: float = 0.1, top: float = 0.1
+    heights: Sequence[float], over: Abscissa, width_mm: float, right: float = 0.18, top: float = 0.1
 ) -> tuple[Figure, list[Axes]]:
     return panels(heights, over, width_mm / 25.4 - LEFT - right, right=right, top=top)
 
@@ -155,6 +157,8 @@ def trains_by(spikes: Spikes, by: ArrayLike = ()) -> tuple[list[Trains], Absciss
             raise StudyError(f"by has shape {names.shape}; it needs ({count},), a class for each.")
         names = names if names.size else np.full(count, "afferents")
         spikes = {name: spikes.of(names == name) for name in dict.fromkeys(names.tolist())}
+    if not spikes:
+        raise StudyError("spikes has no responses; it needs one or more.")
     trains = [
         Trains(name, colour, np.full((len(spikes[name].spikes), 3), np.nan), spikes[name])
         for name, colour in colours_of(spikes).items()

@@ -63,7 +63,7 @@ class Rates:
             for (a, one), (b, other) in combinations(enumerate(self.traces), 2)
             if abs(mean[a] - mean[b]) < (limit := np.hypot(error[a], error[b]))
         ]
-        said = f"rates differ by less than the error of the fast finger: {', '.join(pairs)}"
+        said = f"means over all afferents differ by less than their error: {', '.join(pairs)}"
         return said if pairs else None
 
     @styled
@@ -78,7 +78,8 @@ class Rates:
         for (name, trace), rates, of_mean, error, colour in rows:
             x, at = np.unique(trace.receptors_mm[:, 0], return_inverse=True)
             drawn = np.bincount(at, rates) / np.bincount(at)
-            label = f"{name}: {rates.mean():.1f} ± {of_mean:.1f} spikes/s"
+            known = "error unknown" if np.isnan(of_mean) else f"± {of_mean:.1f} spikes/s"
+            label = f"{name}: {rates.mean():.1f} {known}"
             axes.plot(x, drawn, color=colour, lw=1.2, label=label)
             low = np.maximum(drawn - error, 0.0)
             axes.fill_between(x, low, drawn + error, color=colour, alpha=_ALPHA, lw=0)
