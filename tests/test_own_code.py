@@ -20,6 +20,19 @@ from tactile_fem.study import Heights, Study
 from tactile_fem.study.file import dump_study, load_study
 from tactile_fem.study.template import commented_template
 
+BAD_PARTS = """
+def one(*args):
+    return 1.0
+
+
+def lost(trace):
+    return trace["nothing"]
+
+
+def same(F, at):
+    return F
+"""
+
 MODULE = """
 from dataclasses import dataclass
 
@@ -188,11 +201,16 @@ def test_a_function_of_a_script_is_known_while_that_runs(tmp_path):
         ("solver.terms=[5]", 'solver.terms (entry 1) is 5 but must be "module:name", what'),
         ("solver.terms=['mine:G']", "solver.terms: {here}/mine.py:G: AttributeError"),
         ("afferents.deep.feels=mine:g", "afferents.deep.feels: {here}/mine.py:g is a float"),
+        ("afferents.deep.feels=bad_parts:one", "afferents.deep.feels: One has shape (); it needs"),
+        ("afferents.deep.feels=bad_parts:lost", "{here}/bad_parts.py:lost: KeyError: 'nothing'"),
+        ("tissue.epidermis={law='bad_parts:one'}", "the energy of epidermis is not larger at a"),
+        ("tissue.epidermis={law='bad_parts:same'}", "epidermis is not a finite number at a small"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_sentence(here, setting, sentence, capsys):
     (here / "bad.py").write_text("1 / 0\n")
     (here / "two.py").write_text("from mine import wavy as f\n")
+    (here / "bad_parts.py").write_text(BAD_PARTS)
     assert main(["scan", str(here / "s.toml"), "--set", setting]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert sentence.format(here=here) in line

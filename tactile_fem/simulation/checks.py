@@ -18,7 +18,9 @@ from tactile_fem.neuron.fields import trial_histories
 from tactile_fem.path import Path
 from tactile_fem.path.loads import COMPONENTS, NORMAL
 from tactile_fem.path.rotations import matrix
+from tactile_fem.results.columns import TRACE
 from tactile_fem.results.measured import check_measured
+from tactile_fem.runtime.own_code import Code
 from tactile_fem.simulation.parts import NO_PARTS, Parts
 from tactile_fem.stimulus import RigidBody
 from tactile_fem.stimulus.body import Array
@@ -67,7 +69,7 @@ def check(study: Study, parts: Parts = NO_PARTS) -> FingerMesh | None:
         lambda: check_parts(parts),
         lambda: _check_options(study.solver),
         study.solver.own_terms,
-        lambda: fields_of(afferents.population() for afferents in study.populations),
+        lambda: _check_afferents(study),
         lambda: found.append(_check_finger(study, parts)),
         lambda: _check_laws(study.tissue, parts, found[0] if found else None),
         lambda: _check_path_alone(study, parts),
@@ -142,7 +144,13 @@ def _check_laws(tissues: Tissue, parts: Parts, mesh: FingerMesh | None) -> None:
 def _check_law(start: str, tissue: str, law: Law, tissues: Tissue, mesh: FingerMesh | None) -> None:
     energies = [_energy(law, F, mesh) for F in _DEFORMATIONS]
     if not np.isfinite(energies).all():
-        raise StudyError(f"{start}: the energy of {tissue} is not finite at a small strain.")
+        raise StudyError(
+            f"{start}: the energy of {tissue} is not a finite number at a small strain."
+        )
+    if min(energies[1:]) <= energies[0]:
+        raise StudyError(
+            f"{start}: the energy of {tissue} is not larger at a small strain than at rest."
+        )
     if getattr(tissues, tissue).g and not hasattr(law, "in_shear"):
         raise StudyError(
             f"{start}: {tissue} relaxes (tissue.{tissue}.g), so its law needs a method "
@@ -159,7 +167,8 @@ def _energy(law: Law, F: np.ndarray, mesh: FingerMesh | None) -> float:
     first = {name: own[0].tolist() for name, own in (mesh.fields if mesh else {}).items()}
     fields = {name: ufl.as_tensor(x) if isinstance(x, list) else x for name, x in first.items()}
     at = At(ORIGIN.X, Fields(fields))
-    return float(law.energy(ufl.as_matrix(F.tolist()), at)(()))
+    energy = ufl.as_ufl(law.energy(ufl.as_matrix(F.tolist()), at))
+    return float(energy(())) if energy.ufl_shape == () else np.nan
 
 
 def _check_own_body(body: RigidBody) -> None:
@@ -174,8 +183,26 @@ def _check_own_path(path: Path) -> None:
 
 
 def _check_population(population: Population) -> None:
+    """Let it fire on an artificial trace of one receptor."""
     trial = trial_histories(fields_of([population]))
-    population.fire({**trial, "receptors_mm": np.zeros((1, 3))})
+    steps, receptors = len(trial["time_s"]), 1
+    rest = {
+        column.name: np.broadcast_to(column.rest, column.sizes(steps=steps, receptors=receptors))
+        for column in TRACE
+    }
+    population.fire({**rest, **trial})
+
+
+def _check_afferents(study: Study) -> None:
+    """Try what populations feel, also where that is code of the study's own."""
+    populations = [afferents.population() for afferents in study.populations]
+    fields_of(populations)
+    for afferents, population in zip(study.populations, populations, strict=True):
+        if isinstance(afferents.feels, Code):
+            try:
+                _check_population(population)
+            except StudyError as error:
+                raise StudyError(f"{study.table_of(afferents)}feels: {error}") from None
 
 
 def _check_options(solver: Solver) -> None:
