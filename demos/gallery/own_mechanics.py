@@ -85,8 +85,8 @@ def centre_of_pressure(seen):
 # %%
 # **In a study file** the same classes, in a file ``parts.py`` beside it, are
 # ``tissue.subcutaneous = {law = "parts:Fung", shear = 0.8e-3, bulk = 0.02, b = 2.0}`` and
-# ``solver.terms = ["parts:Gravity"]``: for sweeps, people and clusters. A law may also be a function
-# ``law(F, at, **constants)`` that returns the energy density.
+# ``solver.terms = ["parts:Gravity"]``: for sweeps, people and clusters. A law may also be
+# a function ``law(F, at, **constants)`` that returns the energy density.
 
 folder = Path(sys.argv[1] if sys.argv[1:] else "results/own_mechanics")
 overrides = [
