@@ -22,7 +22,7 @@ import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import cycle, zip_longest
+from itertools import chain, cycle, zip_longest
 from pathlib import Path
 from typing import Self
 
@@ -115,18 +115,10 @@ class Experiment:
         rows, said = from_contact(np.asarray(depth_mm, float), np.asarray(force_N, float), name)
         if said:
             logger.info("%s: %s", name, ", ".join(said))
-        points = points_of(rows[:, 0], rows[:, 1], sd_N, name)
-        return cls(
-            name=name,
-            indenter=body,
-            speed_mm_s=speed_mm_s,
-            depth_mm=points.depth_mm,
-            place_mm=np.full(len(points.depth_mm), np.nan),
-            mean=points.force_N,
-            sd=points.sd_N,
-            rows=rows,
-            origin="; ".join([points.origin, *said]),
-        )
+        depth, force, sd, origin = points_of(rows[:, 0], rows[:, 1], sd_N, name)
+        place = np.full_like(depth, np.nan)
+        words = "; ".join([origin, *said])
+        return cls(name, body, speed_mm_s, depth, place, force, sd, rows, words)
 
     @property
     def is_force(self) -> NDArray[np.bool_]:
@@ -184,12 +176,11 @@ def _is_table(file: Path) -> bool:
 def _of_tables(files: Sequence[Path]) -> list[Experiment]:
     rows: dict[tuple[str, float], list[tuple[float, ...]]] = {}
     indenters: dict[str, Stimulus] = {}
-    for file in files:
-        for where, cells in _lines(file):
-            name, speed, numbers = _row(where, cells)
-            if name not in indenters:
-                indenters[name] = parse_indenter(name, where)
-            rows.setdefault((name, speed), []).append(numbers)
+    for where, cells in chain.from_iterable(map(_lines, files)):
+        name, speed, numbers = _row(where, cells)
+        if name not in indenters:
+            indenters[name] = parse_indenter(name, where)
+        rows.setdefault((name, speed), []).append(numbers)
     return [
         Experiment(
             f"{name} at {speed:g} mm/s",
@@ -202,10 +193,7 @@ def _of_tables(files: Sequence[Path]) -> list[Experiment]:
 
 
 def _of_curves(
-    files: Sequence[Path],
-    indenters: Sequence[str],
-    speed_mm_s: float | None,
-    sd_N: float | None,
+    files: Sequence[Path], indenters: Sequence[str], speed_mm_s: float | None, sd_N: float | None
 ) -> list[Experiment]:
     given = {"indenter": bool(indenters), "speed": speed_mm_s is not None, "sd": sd_N is not None}
     if not files and any(given.values()):

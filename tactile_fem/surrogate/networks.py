@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.spatial import KDTree
 
 from tactile_fem.neuron import STANDARD
 from tactile_fem.surrogate.contact import ACROSS, ContactPatch, Pad
@@ -23,15 +24,10 @@ class Network:
 
     Inputs are taken less their `middle` and over their `scale`; outputs are multiplied and shifted
     likewise. Both are folded into the first and the last layer.
-
-    Attributes
-    ----------
-    weights, biases
-        An array for each layer, (inputs, outputs) and (outputs,).
     """
 
-    weights: tuple[Array, ...]
-    biases: tuple[Array, ...]
+    weights: tuple[Array, ...]  # of each layer, (inputs, outputs)
+    biases: tuple[Array, ...]  # (outputs,)
 
     @classmethod
     def scaled(
@@ -104,10 +100,19 @@ def _places(parts: tuple[tuple[float, Array], ...]) -> Array:
     return np.concatenate([places for _, places in parts])
 
 
-def _mirrored(places: Array) -> NDArray[np.int64]:
-    """Return the number of the place that mirrors each in X."""
-    order = {(round(x, 6), round(y, 6)): k for k, (x, y) in enumerate(places.tolist())}
-    return np.array([order[round(-x, 6) + 0.0, round(y, 6)] for x, y in places.tolist()])
+def _mirror(*groups: Array | NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
+    """Return the order and the signs of inputs if all is mirrored in X.
+
+    A group of inputs are places (n, 2), or it is said of each whether it changes its sign, (n,).
+    """
+    order, flips = list[NDArray[np.int64]](), list[NDArray[np.bool_]]()
+    for group in groups:
+        is_places, first = group.ndim == 2, sum(map(len, order))
+        own = KDTree(group).query(group * (-1, 1))[1] if is_places else np.arange(len(group))
+        order.append(first + own)
+        flips.append(np.zeros(len(group), bool) if is_places else group)
+    signs = np.where(np.concatenate(flips), -1.0, 1.0).astype(np.float32)
+    return np.concatenate(order), signs
 
 
 @dataclass(frozen=True)
@@ -155,11 +160,8 @@ def _about(matrix: sparse.csr_array, values: Array, receptors: int) -> Array:
 
 def mirror_of_view() -> tuple[NDArray[np.int64], Array]:
     """Return the order and the signs of a view's inputs if all is mirrored in X."""
-    pressures, overlaps = _mirrored(_places(_OF_PRESSURE)), _mirrored(_places(_OF_OVERLAP))
-    stencil = np.concatenate([pressures, len(pressures) + overlaps])
-    order = np.concatenate([stencil, len(stencil) + np.arange(len(ACROSS) + 2)])
-    flips = np.concatenate([np.zeros(len(stencil), bool), ACROSS, [True, False]])
-    return order, np.where(flips, -1.0, 1.0).astype(np.float32)
+    about = _places(_OF_PRESSURE), _places(_OF_OVERLAP)
+    return _mirror(*about, np.array([*ACROSS, True, False]))
 
 
 def stencil_parts() -> tuple[slice, slice]:
@@ -183,19 +185,14 @@ class Overview:
         fine = patch.pressure_MPa
         coarse = _about(self._means, _PRESSURES_PER_MPA * fine, 1)[:, 0]
         pressed_mm2 = self._cell_mm2 * (fine > 0).sum(axis=1)
-        # As large, if all cells that press pressed alike.
-        alike_mm2 = (
-            fine.sum(axis=1) ** 2 / np.maximum((fine**2).sum(axis=1), 1e-12) * self._cell_mm2
-        )
-        areas = np.column_stack([pressed_mm2, alike_mm2]) / _AREA_MM2
+        # As many, if all cells that press pressed alike.
+        alike = fine.sum(axis=1) ** 2 / np.maximum((fine**2).sum(axis=1), 1e-12)
+        areas = np.column_stack([pressed_mm2, alike * self._cell_mm2]) / _AREA_MM2
         return np.concatenate([coarse, areas, patch.whole()], axis=1, dtype=np.float32)
 
     def mirror(self) -> tuple[NDArray[np.int64], Array]:
         """Return the order and the signs of its inputs if all is mirrored in X."""
-        coarse = _mirrored(self._coarse.points_mm)
-        order = np.concatenate([coarse, len(coarse) + np.arange(2 + len(ACROSS))])
-        flips = np.concatenate([np.zeros(len(coarse) + 2, bool), ACROSS])
-        return order, np.where(flips, -1.0, 1.0).astype(np.float32)
+        return _mirror(self._coarse.points_mm, np.array([False, False, *ACROSS]))
 
 
 def columns_of(values: Array) -> dict[str, Array]:

@@ -21,11 +21,7 @@ from tactile_fem.series import Member, Outcome, collected, run_series
 from tactile_fem.study import Study
 from tactile_fem.surrogate.compliance import pad_of
 from tactile_fem.surrogate.contact import WHOLE, ContactPatch, Pad, TangentialResponse
-from tactile_fem.surrogate.fast_finger import (
-    FastFinger,
-    check_taught,
-    is_symmetric,
-)
+from tactile_fem.surrogate.fast_finger import FastFinger, check_taught, is_symmetric
 from tactile_fem.surrogate.heights import HeightMap
 from tactile_fem.surrogate.networks import (
     FELT_SIGNS,
@@ -87,9 +83,7 @@ def wanted_scans(study: Study, scans: int) -> list[Member]:
         raise TactileError(
             'Reducing a finger needs scikit-learn: pip install "tactile-fem[reduce]".'
         )
-    mesh = study.finger.check()
-    assert mesh is not None, "this process reads the mesh"
-    check_taught(study.lay_out(mesh).positions_mm)
+    check_taught(_receptors_mm(study))
     tests = {_HELD_OUT * k: (k, TEST_KINDS[k % len(TEST_KINDS)]) for k in range(scans)}
     return [random_scan(study, *tests.get(number, (number,))) for number in range(scans)]
 
@@ -116,20 +110,24 @@ def learn(study: Study, scans: Sequence[Results]) -> FastFinger:
     taught = [TrainingScan.of(pad, scan) for scan in lessons]
     felt = learn_felt(taught, is_symmetric=symmetric)
     whole = learn_whole(pad, taught, is_symmetric=symmetric)
-    mesh = study.finger.check()
-    assert mesh is not None, "this process reads the mesh"
     measures = np.concatenate([each.measures for each in taught])
     finger = FastFinger(
         pad=pad,
         felt=felt,
         whole=whole,
-        receptors_mm=study.lay_out(mesh).positions_mm,
+        receptors_mm=_receptors_mm(study),
         ranges=np.array([measures.min(axis=0), measures.max(axis=0)]),
         made_from={"study": tables, "scans": [s.folder.name for s in scans]},
     )
     finger = replace(finger, errors=errors_of(finger, tests))
     logger.info("beside %d scans that were held out: %s", len(tests), finger.errors)
     return finger
+
+
+def _receptors_mm(study: Study) -> Array:
+    mesh = study.finger.check()
+    assert mesh is not None, "this process reads the mesh"
+    return study.lay_out(mesh).positions_mm
 
 
 def kind_of(scan: Results) -> str:
@@ -159,24 +157,13 @@ _BATCH, _DECAY = 512, 1e-4
 
 @dataclass(frozen=True)
 class TrainingScan:
-    """What a scan teaches: inputs and outputs of the networks at its steps in contact.
+    """What a scan teaches: inputs and outputs of the networks at its steps in contact."""
 
-    Attributes
-    ----------
-    seen, felt
-        Rows of receptors, (rows, receptors, inputs) and (rows, receptors, outputs).
-    overview, whole
-        Of the whole finger, (rows, inputs) and (rows, 4): forces over the sum of the pressures,
-        and contact area in mm2.
-    measures
-        See `ContactPatch.measures`, (rows, values).
-    """
-
-    seen: Array
-    felt: Array
-    overview: Array
-    whole: Array
-    measures: Array
+    seen: Array  # (rows, receptors, inputs)
+    felt: Array  # (rows, receptors, outputs)
+    overview: Array  # of the whole finger, (rows, inputs)
+    whole: Array  # forces over the sum of the pressures, and contact area in mm2, (rows, 4)
+    measures: Array  # see `ContactPatch.measures`, (rows, values)
 
     @classmethod
     def of(cls, pad: Pad, scan: Results) -> TrainingScan:
