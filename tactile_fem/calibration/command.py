@@ -114,8 +114,10 @@ def predict(
     own, place = fitted / "study.toml", results or fitted / "predictions"
     known = posterior.Posterior.load(fitted / "posterior.json", str(fitted / "posterior.json"))
     finger, other = load_study(own), load_study(study or own, changes)
-    press = {"depth_mm": depth, "speed_mm_s": other.protocol.press_speed_mm_s, "jobs": jobs}
+    speed = other.protocol.press_speed_mm_s
     with_mechanics("tactile_fem.calibration.model", ranks_)
-    found = prediction.predict(known, finger, other.stimulus, place, **press)
+    found = prediction.predict(
+        known, finger, other.stimulus, place, depth_mm=depth, speed_mm_s=speed, jobs=jobs
+    )
     if ranks.is_first():
         print(f"{found}\nTable, figure and study are in {place}")

@@ -101,10 +101,6 @@ def _by_keys(values: dict[str, float]) -> dict[tuple[str, ...], float]:
 
 
 def _is_covariance(matrix: Array) -> bool:
-    if not np.allclose(matrix, matrix.T, rtol=1e-6, atol=_TOLERANCE * np.abs(matrix).max()):
-        return False
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        return False
-    return True
+    rounding = _TOLERANCE * np.abs(matrix).max()
+    is_symmetric = np.allclose(matrix, matrix.T, rtol=1e-6, atol=rounding)
+    return is_symmetric and bool(np.linalg.eigvalsh(matrix)[0] > 0)

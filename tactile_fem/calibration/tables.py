@@ -93,13 +93,9 @@ def _tables(found: Calibration) -> dict[str, list[Row]]:
 
 
 def _values(unit: str, start: float, estimate: Estimate) -> Row:
-    return {
-        "unit": unit,
-        "start": short(start),
-        "value": short(estimate.value),
-        "least_95_percent": short(estimate.low),
-        "largest_95_percent": short(estimate.high),
-    }
+    names = "start", "value", "least_95_percent", "largest_95_percent"
+    values = map(short, (start, estimate.value, estimate.low, estimate.high))
+    return {"unit": unit, **dict(zip(names, values, strict=True))}
 
 
 def _place(experiment: Experiment, k: int) -> Row:

@@ -126,13 +126,7 @@ class FastFinger:
 
     @classmethod
     def read(cls, file: File | str) -> Self:
-        """Return the finger of a file.
-
-        Raises
-        ------
-        StudyError
-            There is none, or it holds no reduced finger.
-        """
+        """Return the finger of a file; raise StudyError if there is none, or it holds no finger."""
         try:
             saved = File(file).read_bytes()
         except OSError as error:
@@ -153,6 +147,7 @@ class FastFinger:
             finger = cls(pad, *networks, *rest)
             numbers = [array for name, array in arrays.items() if name != "about"]
             assert all(np.isfinite(array).all() for array in numbers) and rest[0].shape[1] == 3
+            assert cells[2].shape == 2 * cells[1].shape and rest[1].shape == (2, len(WHOLE) + 1)
             assert finger.study.populations
             plate = HeightMap.of_array(np.zeros((2, 2)), 1.0)
             finger.loop(plate, receptors_mm=[(0.0, 0.0)]).step((0.0, 0.0, 0.1), 1.0)

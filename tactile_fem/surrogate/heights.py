@@ -35,7 +35,7 @@ class Grid:
     @cached_property
     def points_mm(self) -> Array:
         """All its places, (nx * ny, 2); Y runs fastest."""
-        steps = np.stack(np.indices(self.shape), axis=-1).reshape(-1, 2)
+        steps = np.moveaxis(np.indices(self.shape), 0, -1).reshape(-1, 2)
         return self.low_mm + self.spacing_mm * steps
 
     def means(self, places_mm: Array, half_mm: float) -> sparse.csr_array:
@@ -95,13 +95,7 @@ class HeightMap:
     heights_mm: Array
 
     def __post_init__(self) -> None:
-        """Refuse heights that do not fit the grid.
-
-        Raises
-        ------
-        StudyError
-            Another shape, or heights that are above 0 or not finite.
-        """
+        """Raise StudyError for heights of another shape, above 0, or not finite."""
         if np.shape(self.heights_mm) != self.grid.shape:
             raise StudyError(
                 f"heights_mm has the shape {np.shape(self.heights_mm)} on a grid of "
@@ -116,10 +110,8 @@ class HeightMap:
     def of_array(cls, heights_mm: ArrayLike, spacing_mm: float) -> Self:
         """Return heights (nx, ny) about the body's origin, their highest raised or lowered to 0.
 
-        Raises
-        ------
-        StudyError
-            They are no table of two by two or more finite heights, or the spacing is not positive.
+        Raises StudyError if they are no table of two by two or more finite heights, or the spacing
+        is not positive.
         """
         if np.ma.is_masked(heights_mm):
             raise StudyError("heights_mm: some heights are masked; fill them first.")

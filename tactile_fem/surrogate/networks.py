@@ -65,12 +65,8 @@ class Network:
 
     def arrays(self, name: str) -> dict[str, Array]:
         """Return its arrays to save, by names that begin with its own."""
-        layers = enumerate(zip(self.weights, self.biases, strict=True))
-        return {
-            f"{name}_{kind}{k}": array
-            for k, pair in layers
-            for kind, array in zip("wb", pair, strict=True)
-        }
+        weights = {f"{name}_w{k}": array for k, array in enumerate(self.weights)}
+        return weights | {f"{name}_b{k}": array for k, array in enumerate(self.biases)}
 
     @classmethod
     def read(cls, name: str, saved: Mapping[str, Array]) -> Self:
@@ -127,11 +123,8 @@ class View:
     def of(cls, pad: Pad, places_mm: Array) -> View:
         """Return the view of receptors at X and Y (receptors, 2)."""
         places = np.asarray(places_mm, dtype=float)
-        return cls(
-            places,
-            _around(places, pad.normal.grid, _OF_PRESSURE),
-            _around(places, pad.grid, _OF_OVERLAP),
-        )
+        pressures = _around(places, pad.normal.grid, _OF_PRESSURE)
+        return cls(places, pressures, _around(places, pad.grid, _OF_OVERLAP))
 
     def __call__(self, patch: ContactPatch) -> Array:
         """Return the inputs, (bodies, receptors, inputs)."""

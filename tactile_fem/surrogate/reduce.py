@@ -236,9 +236,8 @@ def _missed(values: Array, friction: Array, normal: Array, places: Array, moved:
 
 def learn_felt(scans: Sequence[TrainingScan], *, is_symmetric: bool) -> Network:
     """Return the network of the receptors, learnt from scans and their mirror images, if any."""
-    inputs = [scan.seen.reshape(-1, scan.seen.shape[-1]) for scan in scans]
-    outputs = [scan.felt.reshape(-1, scan.felt.shape[-1]) for scan in scans]
-    x, y = np.concatenate(inputs), np.concatenate(outputs)
+    x = np.concatenate([scan.seen.reshape(-1, scan.seen.shape[-1]) for scan in scans])
+    y = np.concatenate([scan.felt.reshape(-1, scan.felt.shape[-1]) for scan in scans])
     if is_symmetric:
         x, y = _with_mirror_images(x, y, mirror_of_view(), FELT_SIGNS)
     scale = x.std(axis=0) + 1e-3

@@ -61,10 +61,7 @@ class Material(Kind):
     def scaled(self, factor: float) -> Self:
         """Return the tissue with its stiffness multiplied by a factor; relaxation is unchanged.
 
-        Raises
-        ------
-        StudyError
-            The factor is not a positive number.
+        Raises StudyError if the factor is not a positive number.
         """
         if not 0 < factor < math.inf:
             raise StudyError(f"factor is {factor:g} but must be a number above 0.")
