@@ -85,6 +85,9 @@ class Experiment:
     ) -> Self:
         """Return a press of which many rows were measured; they are averaged.
 
+        Raises StudyError if there are too few rows, they are no press from first contact, or speed
+        or `sd_N` is not above 0.
+
         Parameters
         ----------
         indenter
@@ -98,12 +101,6 @@ class Experiment:
         sd_N
             Standard deviation of the forces: one, or (rows,). Default 5 % of each average and 1 %
             of the largest, with the scatter of the rows.
-
-        Raises
-        ------
-        StudyError
-            There are too few rows, they are no press from first contact, or speed or `sd_N` is not
-            above 0.
         """
         if not (math.isfinite(speed_mm_s) and speed_mm_s > 0):
             raise StudyError(f"speed is {speed_mm_s:g} mm/s but must be above 0.")
@@ -215,18 +212,15 @@ def _of_curves(
     presses: dict[str, list[tuple[Array, str]]] = {}
     for indenter, curve in zip(cycle(indenters), curves, strict=False):
         presses.setdefault(" ".join(indenter.split()), []).append(curve)
-    return [_of_rows(indenter, speed_mm_s, rows, sd_N) for indenter, rows in presses.items()]
-
-
-def _of_rows(
-    indenter: str, speed_mm_s: float, curves: Sequence[tuple[Array, str]], sd_N: float | None
-) -> Experiment:
-    """Return the experiment of raw curves of equal presses; their own sd if all have it."""
-    width = min(rows.shape[1] for rows, _ in curves)
-    depth, force, *own = np.vstack([rows[:, :width] for rows, _ in curves]).T
-    sd = sd_N if sd_N is not None or not own else own[0]
-    found = Experiment.of_curve(indenter, speed_mm_s, depth, force, sd)
-    return replace(found, origin="; ".join([found.origin, *(origin for _, origin in curves)]))
+    found = []
+    for indenter, equal in presses.items():
+        width = min(rows.shape[1] for rows, _ in equal)  # 3 if all have an sd of their own
+        depth, force, *own = np.vstack([rows[:, :width] for rows, _ in equal]).T
+        sd = sd_N if sd_N is not None or not own else own[0]
+        one = Experiment.of_curve(indenter, speed_mm_s, depth, force, sd)
+        origins = [one.origin, *(origin for _, origin in equal)]
+        found.append(replace(one, origin="; ".join(origins)))
+    return found
 
 
 def deviations(experiments: Sequence[Experiment], values: Sequence[Array]) -> Array:

@@ -97,14 +97,9 @@ class Response:
         return np.array([last - first for first, last in inside], dtype=float) / length
 
     def rate(self, times_s: ArrayLike, window_s: float) -> Array:
-        """Return firing rates smoothed by a Gaussian, spikes/s, (times, receptors).
+        """Return firing rates at some times, s, (times,), spikes/s, (times, receptors).
 
-        Parameters
-        ----------
-        times_s
-            Times at which the rates are wanted, s, (times,).
-        window_s
-            Standard deviation of the Gaussian, s.
+        They are smoothed by a Gaussian with the standard deviation `window_s`, s.
         """
         at, width = np.asarray(times_s, dtype=float), _positive("window_s", window_s)
         rates = np.zeros((len(at), len(self.spikes)))

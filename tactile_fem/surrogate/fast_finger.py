@@ -165,6 +165,9 @@ class FastFinger:
     ) -> Loop:
         """Return a loop that is stepped from outside, such as a simulator's.
 
+        Raises StudyError if friction is negative or not finite, shapes do not fit, or a receptor
+        lies beyond those that were taught.
+
         Parameters
         ----------
         bodies
@@ -177,11 +180,6 @@ class FastFinger:
         receptors_mm
             X and Y of receptors, (receptors, 2), up to 5.5 and 6 mm from 0; default those of the
             study. Z may follow but has no effect: it is at the study's depth below the skin.
-
-        Raises
-        ------
-        StudyError
-            Friction is negative or not finite, shapes do not fit, or a receptor lies elsewhere.
         """
         return Loop(self, bodies, friction, start_mm, receptors_mm)
 
@@ -291,7 +289,8 @@ class Loop:
         self._patch = ContactPatch(finger.pad, maps, mu, start, tolerance_mm)
         self._view = View.of(finger.pad, self.receptors_mm[:, :2])
         self._overview = Overview(finger.pad)
-        self._mirrors = mirror_of_view(), self._overview.mirror()
+        mirrors = mirror_of_view(), self._overview.mirror()
+        self._mirrors = mirrors if finger.is_symmetric else (None, None)
 
     def step(self, place_mm: ArrayLike, dt_s: float) -> BodyState:
         """Move the bodies to a place, (3,) or (bodies, 3), within a time; return what is felt.
@@ -312,13 +311,9 @@ class Loop:
         patch, finger = self._patch, self._finger
         patch.move(places, dt_s)
         touches = patch.normal_N > 0
-        inputs = np.concatenate(self._view(patch)), self._overview(patch)
-        if finger.is_symmetric:
-            of_view, of_overview = self._mirrors
-            values = finger.felt.mirrored_mean(inputs[0], of_view, FELT_SIGNS)
-            whole = finger.whole.mirrored_mean(inputs[1], of_overview, WHOLE_SIGNS)
-        else:
-            values, whole = finger.felt(inputs[0]), finger.whole(inputs[1])
+        of_view, of_overview = self._mirrors
+        values = finger.felt.mirrored_mean(np.concatenate(self._view(patch)), of_view, FELT_SIGNS)
+        whole = finger.whole.mirrored_mean(self._overview(patch), of_overview, WHOLE_SIGNS)
         force = np.where(touches[:, None], whole[:, :3] * patch.normal_N[:, None], 0.0)
         area = np.where(touches, np.maximum(whole[:, 3], 0.0), 0.0)
         force[:, 2] = np.maximum(force[:, 2], 0.0)

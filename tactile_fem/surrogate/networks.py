@@ -16,6 +16,7 @@ from tactile_fem.surrogate.contact import ACROSS, ContactPatch, Pad
 from tactile_fem.surrogate.heights import Grid, disc
 
 Array = NDArray[Any]
+Mirror = tuple[NDArray[np.int64], Array]  # order and signs of inputs if all is mirrored in X
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,10 @@ class Network:
             np.maximum(x, 0, out=x)
         return x @ last[0] + last[1]
 
-    def mirrored_mean(
-        self, x: Array, mirror: tuple[NDArray[np.int64], Array], signs: Array
-    ) -> Array:
-        """Return the mean of outputs and of those of mirrored inputs, which `signs` mirror back."""
+    def mirrored_mean(self, x: Array, mirror: Mirror | None, signs: Array) -> Array:
+        """Return the mean of outputs and, with a mirror, of those that `signs` mirror back."""
+        if mirror is None:
+            return self(x)
         order, flips = mirror
         return (self(x) + signs * self(x[:, order] * flips)) / 2
 
@@ -96,11 +97,8 @@ def _places(parts: tuple[tuple[float, Array], ...]) -> Array:
     return np.concatenate([places for _, places in parts])
 
 
-def _mirror(*groups: Array | NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
-    """Return the order and the signs of inputs if all is mirrored in X.
-
-    A group of inputs are places (n, 2), or it is said of each whether it changes its sign, (n,).
-    """
+def _mirror(*groups: Array | NDArray[np.bool_]) -> Mirror:
+    """Return the mirror of groups of inputs: places (n, 2), or whether each changes sign, (n,)."""
     order, flips = list[NDArray[np.int64]](), list[NDArray[np.bool_]]()
     for group in groups:
         is_places, first = group.ndim == 2, sum(map(len, order))
@@ -151,8 +149,8 @@ def _about(matrix: sparse.csr_array, values: Array, receptors: int) -> Array:
     return (matrix @ values.T).T.reshape(len(values), receptors, -1)
 
 
-def mirror_of_view() -> tuple[NDArray[np.int64], Array]:
-    """Return the order and the signs of a view's inputs if all is mirrored in X."""
+def mirror_of_view() -> Mirror:
+    """Return that of a view's inputs."""
     about = _places(_OF_PRESSURE), _places(_OF_OVERLAP)
     return _mirror(*about, np.array([*ACROSS, True, False]))
 
@@ -183,8 +181,8 @@ class Overview:
         areas = np.column_stack([pressed_mm2, alike * self._cell_mm2]) / _AREA_MM2
         return np.concatenate([coarse, areas, patch.whole()], axis=1, dtype=np.float32)
 
-    def mirror(self) -> tuple[NDArray[np.int64], Array]:
-        """Return the order and the signs of its inputs if all is mirrored in X."""
+    def mirror(self) -> Mirror:
+        """Return that of its inputs."""
         return _mirror(self._coarse.points_mm, np.array([False, False, *ACROSS]))
 
 

@@ -26,6 +26,7 @@ from tactile_fem.surrogate.heights import HeightMap
 from tactile_fem.surrogate.networks import (
     FELT_SIGNS,
     WHOLE_SIGNS,
+    Mirror,
     Network,
     Overview,
     View,
@@ -53,7 +54,8 @@ def reduce_finger(
     """Return the surrogate of a study's finger, made from scans of random bodies.
 
     The scans are kept in a folder: started again, with more of them too, it goes on. Stimulus and
-    protocol of the study have no effect.
+    protocol of the study have no effect. Raises StudyError for bad input, before anything runs, and
+    TactileError if fewer than 16 scans succeeded, or scikit-learn is missing.
 
     Parameters
     ----------
@@ -63,13 +65,6 @@ def reduce_finger(
         Scans side by side.
     collect
         Whether they have all run elsewhere.
-
-    Raises
-    ------
-    StudyError
-        Bad input, before anything runs.
-    TactileError
-        Fewer than 16 scans succeeded, or scikit-learn is missing.
     """
     wanted = wanted_scans(study, scans)
     outcomes = collected(wanted, folder) if collect else run_series(wanted, folder, jobs=jobs)
@@ -258,9 +253,7 @@ def learn_whole(pad: Pad, scans: Sequence[TrainingScan], *, is_symmetric: bool) 
     return _learnt("whole", x, y, x.std(axis=0) + 1e-2)
 
 
-def _with_mirror_images(
-    x: Array, y: Array, mirror: tuple[Array, Array], signs: Array
-) -> tuple[Array, Array]:
+def _with_mirror_images(x: Array, y: Array, mirror: Mirror, signs: Array) -> tuple[Array, Array]:
     order, flips = mirror
     return np.concatenate([x, x[:, order] * flips]), np.concatenate([y, y * signs])
 
