@@ -7,17 +7,18 @@ logarithms x and the slopes ``g = d ln F/dx``: exactly, if F is a product of the
 from __future__ import annotations
 
 import re
+import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.parameters import value_at
 from tactile_fem.calibration.posterior import SD_OF_95_PERCENT, Posterior
-from tactile_fem.calibration.tables import finish_panel, short
 from tactile_fem.errors import StudyError, TactileError
 from tactile_fem.runtime.differences import brief
 from tactile_fem.runtime.files import write_figure, write_table, write_text
@@ -30,6 +31,7 @@ from tactile_fem.study import Stimulus, Study, dump_study, keep_files
 Array = NDArray[np.float64]
 
 _PRESSES, _SEED = 4, 1  # which check a prediction, with values drawn from the posterior
+_TITLE_CHARACTERS = 36
 _LARGE_ERROR = 0.5  # of a prediction, as a share of the half-width of its band
 
 
@@ -144,3 +146,19 @@ def _write(found: ForcePrediction, posterior: Posterior, pressed: Study, folder:
     dots[0].set_label("presses with drawn values")
     finish_panel(axes, found.name)
     write_figure(folder / f"{stem}.png", drawing, dpi=150)
+
+
+def short(value: float) -> float:
+    """Return a number with the five digits that tables have."""
+    return float(f"{value:.5g}")
+
+
+def finish_panel(axes: Axes, name: str, *, is_force: bool = True) -> None:
+    """Add labels, a title and the legend to forces over depth, or to a profile."""
+    if is_force:
+        axes.set(xlabel="Indentation (mm)", ylabel="Normal force (N)", xlim=(0, None))
+        axes.set_ylim(0, None)
+    else:
+        axes.set(xlabel="Distance from the indenter (mm)", ylabel="Deflection of the skin (mm)")
+    axes.set_title(textwrap.fill(name, _TITLE_CHARACTERS), fontsize="medium")
+    axes.legend(frameon=False, fontsize="small")

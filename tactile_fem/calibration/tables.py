@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_fem.calibration.measurements import Experiment
 from tactile_fem.calibration.parameters import unit_of, value_at
+from tactile_fem.calibration.prediction import finish_panel, short
 from tactile_fem.calibration.result import Calibration
 from tactile_fem.neuron import Estimate
 from tactile_fem.runtime.files import write_figure, write_table, write_text
@@ -20,7 +20,6 @@ from tactile_fem.study import Study, dump_study, keep_files
 Array = NDArray[np.float64]
 Row = dict[str, str | float]
 
-_TITLE_CHARACTERS = 36
 _GREY = "#999999"
 _BLUE, _ORANGE = "#0072B2", "#D55E00"
 
@@ -107,11 +106,6 @@ def _place(experiment: Experiment, k: int) -> Row:
     }
 
 
-def short(value: float) -> float:
-    """Return a number with the five digits that tables have."""
-    return float(f"{value:.5g}")
-
-
 def figure(found: Calibration) -> Figure:
     """Draw each experiment: forces over depth, profiles over the distance from the indenter."""
     panels = [
@@ -141,14 +135,3 @@ def _draw(
     drawn = curve.T if is_force else np.array([at, values[chosen]])[:, np.argsort(at)]
     axes.plot(*drawn, "-" if is_force else ".-", color=_BLUE, label="fitted finger", zorder=3)
     finish_panel(axes, experiment.name, is_force=is_force)
-
-
-def finish_panel(axes: Axes, name: str, *, is_force: bool = True) -> None:
-    """Add labels, a title and the legend to forces over depth, or to a profile."""
-    if is_force:
-        axes.set(xlabel="Indentation (mm)", ylabel="Normal force (N)", xlim=(0, None))
-        axes.set_ylim(0, None)
-    else:
-        axes.set(xlabel="Distance from the indenter (mm)", ylabel="Deflection of the skin (mm)")
-    axes.set_title(textwrap.fill(name, _TITLE_CHARACTERS), fontsize="medium")
-    axes.legend(frameon=False, fontsize="small")

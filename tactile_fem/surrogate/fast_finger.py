@@ -145,9 +145,12 @@ class FastFinger:
             networks = Network.read("felt", arrays), Network.read("whole", arrays)
             rest = arrays["receptors_mm"], arrays["ranges"], about["made_from"], about["errors"]
             finger = cls(pad, *networks, *rest)
+            count, places = len(cells[1]), len(pad.grid.points_mm)
+            sizes = (count, count), (places,), (len(rest[0]), 3), (2, len(WHOLE) + 1)
+            is_right = sizes == tuple(map(np.shape, (cells[2], arrays["skin_mm"], *rest[:2])))
             numbers = [array for name, array in arrays.items() if name != "about"]
-            assert all(np.isfinite(array).all() for array in numbers) and rest[0].shape[1] == 3
-            assert cells[2].shape == 2 * cells[1].shape and rest[1].shape == (2, len(WHOLE) + 1)
+            if not (is_right and all(np.isfinite(array).all() for array in numbers)):
+                raise ValueError
             assert finger.study.populations
             plate = HeightMap.of_array(np.zeros((2, 2)), 1.0)
             finger.loop(plate, receptors_mm=[(0.0, 0.0)]).step((0.0, 0.0, 0.1), 1.0)

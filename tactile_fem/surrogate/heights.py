@@ -96,11 +96,8 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         """Raise StudyError for heights of another shape, above 0, or not finite."""
-        if np.shape(self.heights_mm) != self.grid.shape:
-            raise StudyError(
-                f"heights_mm has the shape {np.shape(self.heights_mm)} on a grid of "
-                f"{self.grid.shape} places."
-            )
+        if (shape := np.shape(self.heights_mm)) != self.grid.shape:
+            raise StudyError(f"heights_mm has the shape {shape} on a grid of {self.grid.shape}.")
         if not np.isfinite(self.heights_mm).all():
             raise StudyError("heights_mm: all heights must be finite.")
         if (top := np.max(self.heights_mm)) > _NEAR_MM:

@@ -150,7 +150,7 @@ def _about(matrix: sparse.csr_array, values: Array, receptors: int) -> Array:
 
 
 def mirror_of_view() -> Mirror:
-    """Return that of a view's inputs."""
+    """Return the mirror of a view's inputs."""
     about = _places(_OF_PRESSURE), _places(_OF_OVERLAP)
     return _mirror(*about, np.array([*ACROSS, True, False]))
 
@@ -182,7 +182,7 @@ class Overview:
         return np.concatenate([coarse, areas, patch.whole()], axis=1, dtype=np.float32)
 
     def mirror(self) -> Mirror:
-        """Return that of its inputs."""
+        """Return the mirror of its inputs."""
         return _mirror(self._coarse.points_mm, np.array([False, False, *ACROSS]))
 
 

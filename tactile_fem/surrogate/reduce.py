@@ -96,9 +96,8 @@ def check_reducible(study: Study, scans: int) -> None:
 
 def learn(study: Study, scans: Sequence[Results]) -> FastFinger:
     """Return the surrogate learnt from complete scans of a study's finger, and its errors."""
-    tests, lessons = list[Results](), list[Results]()
-    for scan in scans:
-        (tests if kind_of(scan) in TEST_KINDS else lessons).append(scan)
+    tests = [scan for scan in scans if kind_of(scan) in TEST_KINDS]
+    lessons = [scan for scan in scans if kind_of(scan) not in TEST_KINDS]
     tables = study.model_dump(mode="json")
     pad, symmetric = pad_of(study, DEEPEST_MM + _REACH_MM), is_symmetric(tables)
     pad = with_drag(pad.symmetric() if symmetric else pad, lessons)
