@@ -12,6 +12,7 @@ from test_calibration import SMALL, formula  # noqa: F401
 
 from tactile_fem.calibration.parameters import parse_parameter, with_values
 from tactile_fem.calibration.posterior import Posterior
+from tactile_fem.calibration.prediction import predict
 from tactile_fem.cli.app import main
 from tactile_fem.errors import StudyError
 from tactile_fem.series import sweep
@@ -105,7 +106,7 @@ def test_presses_that_end_early_are_counted(known, law):
         Posterior.load(known / "posterior.json", "a"),
         load_study(known / "study.toml"),
     )
-    found = posterior.predict(study, Plate(), known / "p", depth_mm=[0.5, 1.0])
+    found = predict(posterior, study, Plate(), known / "p", depth_mm=[0.5, 1.0])
     assert np.isfinite(found.error).all()
     ended = int(np.isnan(found.pressed_N[:, 1]).sum())
     assert 0 < ended < 4 and f"{ended} of them ended early" in str(found)
@@ -175,7 +176,7 @@ def test_bad_arguments_get_one_sentence(known):
         (Plate(), {"depth_mm": 1, "speed_mm_s": 0}, "speed_mm_s is .* must be above 0"),
     ):
         with pytest.raises(StudyError, match=sentence):
-            posterior.predict(study, stimulus, known / "p", **numbers)
+            predict(posterior, study, stimulus, known / "p", **numbers)
     assert not (known / "p").exists()
 
 

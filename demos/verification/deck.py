@@ -278,9 +278,9 @@ def material_lines(name: str, constants: Material) -> list[str]:
 def _elastic_lines(c: Material) -> list[str]:
     if isinstance(c, Elastic):
         return ["*ELASTIC", _row(c.E_MPa, c.nu)]
-    if c.is_neo_hookean:
-        return ["*HYPERELASTIC, NEO HOOKE", _row(c.C10_MPa, c.D1_per_MPa)]
     shear = c.C10_MPa, c.C01_MPa, c.C20_MPa, c.C11_MPa, c.C02_MPa
+    if not (any(shear[1:]) or c.C30_MPa or c.D2_per_MPa):
+        return ["*HYPERELASTIC, NEO HOOKE", _row(c.C10_MPa, c.D1_per_MPa)]
     volume = c.D1_per_MPa, c.D2_per_MPa or NO_D_PER_MPa
     if not c.C30_MPa:
         return ["*HYPERELASTIC, POLYNOMIAL, N=2", _row(*shear, *volume)]

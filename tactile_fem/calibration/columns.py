@@ -58,19 +58,9 @@ _QUANTITIES = (
 def chosen(values: Array, header: Sequence[str], file: Path) -> tuple[Array, str]:
     """Return depth in mm, force in N and, if there is one, its sd, and in words which these are.
 
-    Parameters
-    ----------
-    values
-        All columns, (rows, columns).
-    header
-        The lines above, which name them. Two columns without names are depth in mm and force in N.
-    file
-        Begins the messages.
-
-    Raises
-    ------
-    StudyError
-        There are no such columns, two fit equally, or a unit is not known.
+    Of all columns, (rows, columns), they are found by their names in the lines above, which may
+    state units. Two columns without names are depth in mm and force in N. Raises StudyError, which
+    begins with the file, if there are no such columns, two fit equally, or a unit is not known.
     """
     count, names, clash = values.shape[1], list[str](), list[str]()
     lines = [cells for line in header if (cells := _cells(line, count))]

@@ -107,17 +107,17 @@ def predict(
         Parallel presses.
     """
     from tactile_fem import load_study
-    from tactile_fem.calibration.posterior import Posterior
+    from tactile_fem.calibration import posterior, prediction
 
     if wrong := [change for change in changes if not change.startswith(("stimulus.", "protocol."))]:
         raise StudyError(f'"{wrong[0]}" has no effect: finger and tissues are those of the fit.')
     own, place = fitted / "study.toml", results or fitted / "predictions"
-    posterior = Posterior.load(fitted / "posterior.json", str(fitted / "posterior.json"))
-    other = load_study(study or own, changes)
+    known = posterior.Posterior.load(fitted / "posterior.json", str(fitted / "posterior.json"))
+    finger, other = load_study(own), load_study(study or own, changes)
     speed = other.protocol.press_speed_mm_s
     with_mechanics("tactile_fem.calibration.model", ranks_)
-    found = posterior.predict(
-        load_study(own), other.stimulus, place, depth_mm=depth, speed_mm_s=speed, jobs=jobs
+    found = prediction.predict(
+        known, finger, other.stimulus, place, depth_mm=depth, speed_mm_s=speed, jobs=jobs
     )
     if ranks.is_first():
         print(f"{found}\nTable, figure and study are in {place}")

@@ -11,8 +11,8 @@ is fitted to them, with an offset ``F_0`` if there are rows before contact. Only
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,8 +37,7 @@ _IN_TIME, _HOLD, _FEW = 0.1, 0.02, 0.05
 _LEAST_POWER, _LARGEST_POWER, _MOST_MM, _MOST_N = 0.6, 6.0, 50.0, 1e3
 
 
-@dataclass(frozen=True)
-class Points:
+class Points(NamedTuple):
     """Averages over some of a curve's rows, (n,), and where their standard deviation is from."""
 
     depth_mm: Array
@@ -51,14 +50,10 @@ def curve_of(file: Path) -> tuple[Array, str]:
     """Return depth since first contact in mm, force in N and, if the file has it, its sd.
 
     They are (rows, 2) or (rows, 3), with words on columns and contact. Of rows in the order of
-    time, they are those until the largest depth. Columns are found by their names, which may state
-    units; others are ignored. Two columns without names are depth in mm and force in N.
+    time, they are those until the largest depth. For the columns see `columns.chosen`.
 
-    Raises
-    ------
-    StudyError
-        The file cannot be read, has no such columns, or two that fit equally, or a unit that is not
-        known; or its force does not grow with the depth.
+    Raises StudyError if the file cannot be read, has no such columns, or its force does not grow
+    with the depth.
     """
     try:
         values, header = read_table(file, str(file))
@@ -98,11 +93,8 @@ def points_of(
     Rows at a depth of 0 or less are left out. Without `sd_N`, one or (rows,), the standard
     deviation is 5 % of the force and 1 % of the largest, with the error of the average.
 
-    Raises
-    ------
-    StudyError
-        There are too few rows, no force at the largest depth, or one that does not grow as in a
-        press from first contact; the message begins with `where`.
+    Raises StudyError, which begins with `where`, if there are too few rows, no force at the largest
+    depth, or one that does not grow as in a press from first contact.
     """
     rows = np.column_stack([np.asarray(depth_mm, dtype=float), np.asarray(force_N, dtype=float)])
     used = rows[:, 0] > 0
@@ -188,12 +180,8 @@ def from_contact(depth_mm: Array, force_N: Array, where: str) -> tuple[Array, li
     """Return depth and force of a curve since first contact, (rows, 2), and what it was in words.
 
     The rows may be in any order. Contact is at 0 unless the force shows another position; without
-    rows before it there is no offset of the force.
-
-    Raises
-    ------
-    StudyError
-        The depth does not change, or the force falls with it; the message begins with `where`.
+    rows before it there is no offset of the force. Raises StudyError, which begins with `where`, if
+    the depth does not change, or the force falls with it.
     """
     order = np.argsort(depth_mm, kind="stable")
     order = order[np.isfinite(depth_mm + force_N)[order]]

@@ -22,7 +22,7 @@ import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import cycle, zip_longest
+from itertools import chain, cycle, zip_longest
 from pathlib import Path
 from typing import Self
 
@@ -85,6 +85,9 @@ class Experiment:
     ) -> Self:
         """Return a press of which many rows were measured; they are averaged.
 
+        Raises StudyError if there are too few rows, they are no press from first contact, or speed
+        or `sd_N` is not above 0.
+
         Parameters
         ----------
         indenter
@@ -98,12 +101,6 @@ class Experiment:
         sd_N
             Standard deviation of the forces: one, or (rows,). Default 5 % of each average and 1 %
             of the largest, with the scatter of the rows.
-
-        Raises
-        ------
-        StudyError
-            There are too few rows, they are no press from first contact, or speed or `sd_N` is not
-            above 0.
         """
         if not (math.isfinite(speed_mm_s) and speed_mm_s > 0):
             raise StudyError(f"speed is {speed_mm_s:g} mm/s but must be above 0.")
@@ -115,18 +112,10 @@ class Experiment:
         rows, said = from_contact(np.asarray(depth_mm, float), np.asarray(force_N, float), name)
         if said:
             logger.info("%s: %s", name, ", ".join(said))
-        points = points_of(rows[:, 0], rows[:, 1], sd_N, name)
-        return cls(
-            name=name,
-            indenter=body,
-            speed_mm_s=speed_mm_s,
-            depth_mm=points.depth_mm,
-            place_mm=np.full(len(points.depth_mm), np.nan),
-            mean=points.force_N,
-            sd=points.sd_N,
-            rows=rows,
-            origin="; ".join([points.origin, *said]),
-        )
+        depth, force, sd, origin = points_of(rows[:, 0], rows[:, 1], sd_N, name)
+        place = np.full_like(depth, np.nan)
+        words = "; ".join([origin, *said])
+        return cls(name, body, speed_mm_s, depth, place, force, sd, rows, words)
 
     @property
     def is_force(self) -> NDArray[np.bool_]:
@@ -184,12 +173,11 @@ def _is_table(file: Path) -> bool:
 def _of_tables(files: Sequence[Path]) -> list[Experiment]:
     rows: dict[tuple[str, float], list[tuple[float, ...]]] = {}
     indenters: dict[str, Stimulus] = {}
-    for file in files:
-        for where, cells in _lines(file):
-            name, speed, numbers = _row(where, cells)
-            if name not in indenters:
-                indenters[name] = parse_indenter(name, where)
-            rows.setdefault((name, speed), []).append(numbers)
+    for where, cells in chain.from_iterable(map(_lines, files)):
+        name, speed, numbers = _row(where, cells)
+        if name not in indenters:
+            indenters[name] = parse_indenter(name, where)
+        rows.setdefault((name, speed), []).append(numbers)
     return [
         Experiment(
             f"{name} at {speed:g} mm/s",
@@ -202,10 +190,7 @@ def _of_tables(files: Sequence[Path]) -> list[Experiment]:
 
 
 def _of_curves(
-    files: Sequence[Path],
-    indenters: Sequence[str],
-    speed_mm_s: float | None,
-    sd_N: float | None,
+    files: Sequence[Path], indenters: Sequence[str], speed_mm_s: float | None, sd_N: float | None
 ) -> list[Experiment]:
     given = {"indenter": bool(indenters), "speed": speed_mm_s is not None, "sd": sd_N is not None}
     if not files and any(given.values()):
@@ -227,18 +212,15 @@ def _of_curves(
     presses: dict[str, list[tuple[Array, str]]] = {}
     for indenter, curve in zip(cycle(indenters), curves, strict=False):
         presses.setdefault(" ".join(indenter.split()), []).append(curve)
-    return [_of_rows(indenter, speed_mm_s, rows, sd_N) for indenter, rows in presses.items()]
-
-
-def _of_rows(
-    indenter: str, speed_mm_s: float, curves: Sequence[tuple[Array, str]], sd_N: float | None
-) -> Experiment:
-    """Return the experiment of raw curves of equal presses; their own sd if all have it."""
-    width = min(rows.shape[1] for rows, _ in curves)
-    depth, force, *own = np.vstack([rows[:, :width] for rows, _ in curves]).T
-    sd = sd_N if sd_N is not None or not own else own[0]
-    found = Experiment.of_curve(indenter, speed_mm_s, depth, force, sd)
-    return replace(found, origin="; ".join([found.origin, *(origin for _, origin in curves)]))
+    found = []
+    for indenter, equal in presses.items():
+        width = min(rows.shape[1] for rows, _ in equal)  # 3 if all have an sd of their own
+        depth, force, *own = np.vstack([rows[:, :width] for rows, _ in equal]).T
+        sd = sd_N if sd_N is not None or not own else own[0]
+        one = Experiment.of_curve(indenter, speed_mm_s, depth, force, sd)
+        origins = [one.origin, *(origin for _, origin in equal)]
+        found.append(replace(one, origin="; ".join(origins)))
+    return found
 
 
 def deviations(experiments: Sequence[Experiment], values: Sequence[Array]) -> Array:

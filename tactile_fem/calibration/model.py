@@ -107,12 +107,7 @@ class Model:
     def _run_beside(self, files: Sequence[Path]) -> None:
         """Make the presses that were written, side by side.
 
-        Raises
-        ------
-        TactileError
-            A press failed.
-        StoppedError
-            SIGTERM or SIGINT was received.
+        Raises TactileError if one failed, StoppedError if SIGTERM or SIGINT was received.
         """
         jobs = [Job(file.stem, "tactile_fem.calibration.task", (str(file),)) for file in files]
         with running([jobs], self._jobs) as presses:
@@ -123,10 +118,7 @@ class Model:
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives of `residuals`, (numbers + parameters, parameters).
 
-        Raises
-        ------
-        TactileError
-            A finger with another value cannot be pressed as deep.
+        Raises TactileError if a finger with another value cannot be pressed as deep.
         """
         predictions = self.predictions(x)
         here = np.concatenate([p.values for p in predictions])

@@ -33,22 +33,15 @@ Powers = Mapping[tuple[str, ...], float]
 
 @dataclass(frozen=True)
 class Parameter:
-    """The logarithm x of a factor, 0 at the study's values.
+    """The logarithm x of a factor, 0 at the study's values: each value times ``exp(power x)``.
 
-    Attributes
-    ----------
-    name
-        As the user writes it.
-    powers
-        Keys in the study of each value that it changes, and the power: the value times
-        ``exp(power x)``. A population is called by its name, an entry of a list by its number.
-    factor
-        Expected ratio to the study's value before any measurement, at one standard deviation.
+    Each is called by its keys in the study: a population by its name, an entry of a list by its
+    number.
     """
 
-    name: str
+    name: str  # as the user writes it
     powers: Powers
-    factor: float
+    factor: float  # expected ratio to the study's value before any measurement, at one sd
 
     @property
     def of_tissue(self) -> bool:
@@ -114,12 +107,8 @@ def _entry(entries: Sequence[Any], key: str) -> Any:
 def parse_parameter(text: str, study: Study) -> Parameter:
     """Return the parameter ``name`` or ``name:factor`` of a fit.
 
-    Its name is one of `powers_of` in the tables ``tissue`` and ``finger``.
-
-    Raises
-    ------
-    StudyError
-        There is no such value, or it is not a positive number in the study.
+    Its name is one of `powers_of` in the tables ``tissue`` and ``finger``. Raises StudyError if
+    there is no such value, or it is not a positive number in the study.
     """
     name, colon, given = text.partition(":")
     name = name.strip()
@@ -145,18 +134,12 @@ def powers_of(name: str, study: Study, tables: Collection[str] = Study.model_fie
     above 0 by its keys: ``finger.pad_radius_mm``. Before a tissue ``tissue.`` may be left out,
     before a constant of a population's neuron all but the name of the population.
 
-    Parameters
-    ----------
-    tables
-        Tables of the study in which it may lie.
-
-    Raises
-    ------
-    StudyError
-        There is no such value in these tables, or it is not a positive number; the sentence begins
-        with the name.
+    Raises StudyError, which begins with the name, if there is no such value in these tables of the
+    study, or it is not a positive number.
     """
-    groups = {key: powers for key, powers in _groups(study) if {k[0] for k in powers} <= {*tables}}
+    groups = {
+        key: powers for key, powers in _groups(study).items() if {k[0] for k in powers} <= {*tables}
+    }
     if groups.get(name):
         return groups[name]
     keys = _keys_of(name, study)
@@ -176,33 +159,25 @@ def powers_of(name: str, study: Study, tables: Collection[str] = Study.model_fie
     return {keys: 1.0}
 
 
-def _groups(study: Study) -> Iterator[tuple[str, Powers]]:
-    """Yield the names that stand for several values, with these."""
+def _groups(study: Study) -> dict[str, Powers]:
+    """Return the values that a name of several stands for."""
+    found: dict[str, Powers] = {}
     for name, tissues in {"skin": _SKIN, **{tissue: (tissue,) for tissue in _TISSUES}}.items():
-        yield (
-            name,
-            {  # 1 of a modulus, -1 of an inverse
-                ("tissue", tissue, key): float(power)
-                for tissue in tissues
-                for key, power in getattr(study.tissue, tissue).moduli().items()
-            },
-        )
-    yield (
-        "finger.size",
-        dict.fromkeys((("finger", *keys) for keys in study.finger.size_keys()), 1.0),
-    )
+        found[name] = {  # 1 of a modulus, -1 of an inverse
+            ("tissue", tissue, key): float(power)
+            for tissue in tissues
+            for key, power in getattr(study.tissue, tissue).moduli().items()
+        }
+    found["finger.size"] = {("finger", *keys): 1.0 for keys in study.finger.size_keys()}
     for layer in _SKIN:
         powers = study.finger.layer_powers(layer)
-        yield f"finger.{layer}", {("finger", *key): power for key, power in powers.items()}
+        found[f"finger.{layer}"] = {("finger", *key): power for key, power in powers.items()}
     if isinstance(law := study.stimulus.friction, Friction):
-        yield (
-            "stimulus.friction",
-            dict.fromkeys((("stimulus", "friction", key) for key in law.scaled_by), 1.0),
-        )
+        found["stimulus.friction"] = {("stimulus", "friction", k): 1.0 for k in law.scaled_by}
     for population in study.populations:
-        neuron = _neuron(study, population.name)
-        gains = population.neuron.gain_keys()
-        yield f"{population.name}.gain", dict.fromkeys(((*neuron, *key) for key in gains), 1.0)
+        neuron, gains = _neuron(study, population.name), population.neuron.gain_keys()
+        found[f"{population.name}.gain"] = {(*neuron, *key): 1.0 for key in gains}
+    return found
 
 
 def _neuron(study: Study, population: str) -> tuple[str, ...]:
@@ -233,10 +208,7 @@ def _numbers(study: Study, tables: Collection[str]) -> Iterator[str]:
 def with_values(study: Study, parameters: Sequence[Parameter], x: ArrayLike) -> Study:
     """Return the study with each parameter's values times ``exp(power x)``.
 
-    Raises
-    ------
-    StudyError
-        The values are not allowed.
+    Raises StudyError if the values are not allowed.
     """
     data = study.model_dump(mode="json", exclude_none=True)
     for parameter, log in zip(parameters, np.asarray(x, dtype=float).tolist(), strict=True):

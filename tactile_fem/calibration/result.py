@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,10 +12,13 @@ from scipy.special import chdtrc
 
 from tactile_fem.calibration.measurements import Experiment, deviations
 from tactile_fem.calibration.parameters import Parameter, unit_of, value_at
-from tactile_fem.calibration.posterior import SD_OF_95_PERCENT, ForcePrediction, Posterior
+from tactile_fem.calibration.posterior import SD_OF_95_PERCENT, Posterior
 from tactile_fem.neuron import Estimate, r_squared
 from tactile_fem.runtime.text import aligned
 from tactile_fem.study import Stimulus, Study
+
+if TYPE_CHECKING:
+    from tactile_fem.calibration.prediction import ForcePrediction
 
 Array = NDArray[np.float64]
 
@@ -149,8 +152,10 @@ class Calibration:
             ``speed_mm_s``, default that of the study's protocol; ``folder`` for presses, table and
             figure, default ``predictions`` in that of the fit; ``jobs`` as of a fit.
         """
+        from tactile_fem.calibration.prediction import predict  # imports this module
+
         options.setdefault("folder", self.folder / "predictions")
-        return self.posterior.predict(self.study, stimulus, depth_mm=depth_mm, **options)
+        return predict(self.posterior, self.study, stimulus, depth_mm=depth_mm, **options)
 
     def __str__(self) -> str:
         """Return the result in lines of text."""

@@ -35,12 +35,10 @@ Change = Mapping[tuple[str, str], float]
 
 @dataclass
 class _Derivatives:
-    """Along one change: of displacement and histories, now and at the last accepted step."""
+    """Along one change: of displacement and histories, in turn."""
 
-    u: Array
-    histories: list[Array]
-    u_old: Array
-    histories_old: list[Array]
+    now: list[Array]
+    old: list[Array]  # at the last accepted step
 
 
 class Sensitivities:
@@ -53,9 +51,7 @@ class Sensitivities:
     def __init__(self, problem: FingerProblem, changes: Sequence[Change]) -> None:
         self._problem, self._state = problem, problem.state
         self._changes = changes
-        self._along = [
-            _Derivatives(self._zero(), self._zeros(), self._zero(), self._zeros()) for _ in changes
-        ]
+        self._along = [_Derivatives(self._zeros(), self._zeros()) for _ in changes]
 
     def derivative(self, of: Callable[[], Array]) -> Array:
         """Return the derivatives (changes, k) of the numbers (k,) that `of` returns.
@@ -69,11 +65,9 @@ class Sensitivities:
             ]
         return np.array(found)
 
-    def _zero(self) -> Array:
-        return np.zeros_like(self._state.u.x.array)
-
     def _zeros(self) -> list[Array]:
-        return [np.zeros_like(history.old.x.array) for history in self._state.histories]
+        fields = self._state.u, *(history.old for history in self._state.histories)
+        return [np.zeros_like(field.x.array) for field in fields]
 
     def follow(self) -> None:
         """Differentiate the last accepted step."""
@@ -81,10 +75,10 @@ class Sensitivities:
             return
         with self._problem.reopened(), self._problem.solver.linearized() as solve:
             for change, along in zip(self._changes, self._along, strict=True):
-                along.u_old, along.histories_old = along.u, along.histories
-                along.u = self._zero()  # at a held displacement
-                along.u = solve(-self._difference(change, along, self._problem.solver.residual))
-                along.histories = [
+                along.old, along.now = along.now, self._zeros()  # at a held displacement
+                residual = self._difference(change, along, self._problem.solver.residual)
+                along.now[0] = solve(-residual)
+                along.now[1:] = [
                     self._difference(change, along, history.present)
                     for history in self._state.histories
                 ]
@@ -107,7 +101,7 @@ class Sensitivities:
         values = self._problem.tissues.materials
         constants = [getattr(values[tissue], name) for tissue, name in change]
         numbers = [float(constant.value) for constant in constants]
-        for array, by in zip(arrays, (along.u, along.u_old, *along.histories_old), strict=True):
+        for array, by in zip(arrays, (along.now[0], *along.old), strict=True):
             array += amount * by
         for constant, power in zip(constants, change.values(), strict=True):
             constant.value *= np.exp(amount * power)

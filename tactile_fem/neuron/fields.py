@@ -123,12 +123,8 @@ RIGHT_CAUCHY_GREEN = Field(
 def stretch_along(right_cauchy_green: Array, directions: Array) -> Array:
     """Return the stretch ``sqrt(d . C d)`` in directions of the undeformed finger.
 
-    Parameters
-    ----------
-    right_cauchy_green
-        (..., receptors, 6), as `RIGHT_CAUCHY_GREEN` has them.
-    directions
-        Unit vectors, (receptors, 3).
+    C is (..., receptors, 6), as `RIGHT_CAUCHY_GREEN` has it; directions are unit vectors,
+    (receptors, 3).
     """
     row, column = np.tril_indices(3)
     products = np.where(row == column, 1.0, 2.0) * directions[:, row] * directions[:, column]

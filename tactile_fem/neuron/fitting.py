@@ -111,12 +111,8 @@ def fit(
     neuron
         Model, membrane, the constants that are not fitted, and where the free ones start.
     free
-        Names of the constants to fit; of a tuple, ``name[0]``.
-
-    Raises
-    ------
-    StudyError
-        Bad history, windows or names.
+        Names of the constants to fit; of a tuple, ``name[0]``. Bad ones, and bad histories or
+        windows, raise StudyError.
     """
     from scipy.optimize import least_squares
 

@@ -228,8 +228,8 @@ class Variability:
 
     def resting_pA(self) -> Array:
         """Return the current of each afferent without a load, (n,)."""
-        spread = self._neuron.resting_spread_pA
-        return self._neuron.resting_pA + spread * self._normals(_RESTING_STREAM)
+        n = self._neuron
+        return n.resting_pA + n.resting_spread_pA * self._normals(_RESTING_STREAM)
 
     def _normals(self, purpose: int) -> Array:
         return np.array([self._draw(purpose, unit, 0)[0] for unit in self._units.tolist()])

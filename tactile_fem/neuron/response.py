@@ -87,10 +87,8 @@ class Response:
 
     def peak_rate(self, intervals: int = 3) -> Array:
         """Return the largest rate over so many successive intervals, spikes/s, (receptors,)."""
-        shortest = [
-            np.min(times[intervals:] - times[:-intervals], initial=np.inf) for times in self.spikes
-        ]
-        return intervals / np.array(shortest)
+        lengths = (times[intervals:] - times[:-intervals] for times in self.spikes)
+        return intervals / np.array([np.min(each, initial=np.inf) for each in lengths])
 
     def mean_rate(self, start_s: float, end_s: float) -> Array:
         """Return the number of spikes in [start, end) over its length, spikes/s, (receptors,)."""
@@ -99,14 +97,9 @@ class Response:
         return np.array([last - first for first, last in inside], dtype=float) / length
 
     def rate(self, times_s: ArrayLike, window_s: float) -> Array:
-        """Return firing rates smoothed by a Gaussian, spikes/s, (times, receptors).
+        """Return firing rates at some times, s, (times,), spikes/s, (times, receptors).
 
-        Parameters
-        ----------
-        times_s
-            Times at which the rates are wanted, s, (times,).
-        window_s
-            Standard deviation of the Gaussian, s.
+        They are smoothed by a Gaussian with the standard deviation `window_s`, s.
         """
         at, width = np.asarray(times_s, dtype=float), _positive("window_s", window_s)
         rates = np.zeros((len(at), len(self.spikes)))
@@ -142,12 +135,8 @@ def _positive(name: str, value: float) -> float:
 def save(response: Response, path: Path | str) -> None:
     """Write a response: all of it as ``.npz``, or its spikes as ``.csv``.
 
-    A CSV file has the columns ``receptor,time_s`` and a row per spike, with all digits.
-
-    Raises
-    ------
-    StudyError
-        Another ending.
+    A CSV file has the columns ``receptor,time_s`` and a row per spike, with all digits. Raises
+    StudyError for another ending.
     """
     path = Path(path)
     receptor, time = response.events()
@@ -213,10 +202,7 @@ def to_nwb(response: Response, path: Path | str, **columns: Sequence[Any]) -> No
     Time 0 of the response is the ``timestamps_reference_time`` of the file, and what the response
     covers the ``obs_intervals`` of each unit. The table has further `columns` as in `to_neo`.
 
-    Raises
-    ------
-    StudyError
-        pynwb is not installed, the path does not end in ``.nwb``, or as in `to_neo`.
+    Raises StudyError if pynwb is not installed, the path does not end in ``.nwb``, or as `to_neo`.
     """
     _check_columns(response, columns)
     if Path(path).suffix != ".nwb":

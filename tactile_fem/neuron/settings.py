@@ -43,8 +43,7 @@ class Neuron(Settings):
     )
     adaptation_time_s: Positive = Field(10.0, description="tau_a; proposed, at least 5 s")
     compression_kPa: Positive = Field(
-        0.0380,
-        description="logarithmic: S_0, above which current grows with the logarithm; fitted",
+        0.0380, description="logarithmic: S_0, above which current grows with the logarithm; fitted"
     )
     fast_adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(
         0.9512, description="logarithmic: kappa of a second, fast adaptation; fitted"
@@ -79,15 +78,13 @@ class Neuron(Settings):
     threshold_mV: Positive = Field(30.0, description="V_th; after Gerling 2018's constants")
     refractory_s: NonNegative = Field(0.001, description="t_ref; after Gerling 2018's constants")
     threshold_jump_mV: NonNegative = Field(
-        0.0,
-        description="a: rise of the threshold with each spike; 0: no relative refractoriness",
+        0.0, description="a: rise of the threshold with each spike; 0: no relative refractoriness"
     )
     threshold_recovery_s: Positive = Field(
         0.01, description="tau_A: time constant with which the threshold recovers"
     )
     gain_spread: NonNegative = Field(
-        0.0,
-        description="sd of the logarithm of the gains, factors of the drive, between afferents",
+        0.0, description="sd of the logarithm of the gains, factors of the drive, between afferents"
     )
     threshold_spread: NonNegative = Field(
         0.0, description="sd of the logarithm of V_th between afferents"

@@ -46,12 +46,7 @@ class StaticDynamic:
     A negative S gives a negative static current, which inhibits; when S returns to zero, the
     adaptation makes the current rebound. I_d responds to any increase.
 
-    Parameters
-    ----------
-    neuron
-        The constants.
-    further
-        Shares kappa_j and times tau_j, s, of further adaptations, which add - alpha kappa_j a_j.
+    Shares kappa_j and times tau_j, s, of `further` adaptations add - alpha kappa_j a_j.
     """
 
     def __init__(self, neuron: Neuron, further: Sequence[tuple[float, float]] = ()) -> None:

@@ -1,6 +1,6 @@
 """A finger in milliseconds, made from scans of the finite elements once."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tactile_fem.runtime.lazy import lazily
 
@@ -12,17 +12,12 @@ if TYPE_CHECKING:
 
 __all__ = ["BodyState", "FastFinger", "HeightMap", "Loop", "Rates"]
 
-_find = lazily(
+__getattr__ = lazily(
     __name__,
     {
         "fast_finger": ["FastFinger", "Loop"],
         "heights": ["HeightMap"],
         "rates": ["Rates"],
-        "stepping": ["BodyState"],
+        "stepping": ["BodyState", "Moment"],
     },
 )
-
-
-def __getattr__(name: str) -> Any:
-    """Return a name of the list, also the earlier one of a body's state."""
-    return _find("BodyState" if name == "Moment" else name)

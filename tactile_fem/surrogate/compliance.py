@@ -16,8 +16,8 @@ import numpy as np
 import ufl
 from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.spatial import Delaunay, KDTree
+from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import KDTree
 
 from tactile_fem import FingerMesh, Simulation
 from tactile_fem.finger import SURFACES, lowest_height
@@ -43,12 +43,7 @@ _SOLVES = 96  # right-hand sides at a time
 def pad_of(study: Study, deepest_mm: float) -> Pad:
     """Return the pad of a study's finger, which bodies press down to a depth; without drag yet.
 
-    Only the calling process works.
-
-    Raises
-    ------
-    TactileError
-        See `Simulation`.
+    Only the calling process works. Raises TactileError as `Simulation` does.
     """
     pressed = study.model_copy(
         update={
@@ -85,10 +80,12 @@ def _compliance(
     problem = simulation.problem
     V, on_skin = problem.u.function_space, _nodes_of_skin(simulation)
     places = V.tabulate_dof_coordinates()[on_skin]
-    mean, inside = _interpolation(places[:, :2], grid.points_mm[wanted])
+    # Weights (cells, nodes); NaN where a cell lies not between nodes.
+    mean = LinearNDInterpolator(places[:, :2], np.eye(len(places)))(grid.points_mm[wanted])
+    inside = np.isfinite(mean[:, 0])
     cells, mean = wanted[inside], mean[inside]
     dofs = 3 * on_skin + 2
-    loads = grid.spacing_mm**2 * mean.T.toarray()  # N at each node by 1 MPa on each cell
+    loads = grid.spacing_mm**2 * mean.T  # N at each node by 1 MPa on each cell
     moved = np.empty((len(cells), len(cells)))
     with _solver(simulation) as solve:
         for first in range(0, len(cells), _SOLVES):
@@ -113,18 +110,6 @@ def _nodes_of_skin(simulation: Simulation) -> NDArray[np.int64]:
     return np.setdiff1d(found, problem.held)
 
 
-def _interpolation(nodes: Array, places: Array) -> tuple[sparse.csr_array, NDArray[np.bool_]]:
-    """Return weights (places, nodes) of linear interpolation, and which places lie between."""
-    triangles = Delaunay(nodes)
-    found = triangles.find_simplex(places)
-    transform = triangles.transform[found]
-    two = np.einsum("nij,nj->ni", transform[:, :2], places - transform[:, 2])
-    weights = np.column_stack([two, 1 - two.sum(axis=1)])
-    rows = np.repeat(np.arange(len(places)), 3)
-    entries = weights.ravel(), (rows, triangles.simplices[found].ravel())
-    return sparse.csr_array(entries, shape=(len(places), len(nodes))), found >= 0
-
-
 @contextmanager
 def _solver(simulation: Simulation) -> Iterator[Any]:
     """Yield a function that solves with the static tangent of the tissue, of many loads at once."""
@@ -142,15 +127,12 @@ def _solver(simulation: Simulation) -> Iterator[Any]:
     factor.setType("preonly")
     factor.getPC().setType("lu")
     factor.getPC().setFactorSolverType("mumps")
-    factor.setUp()
-    F = factor.getPC().getFactorMatrix()
 
     def solve(right: Any) -> Array:
         B = PETSc.Mat().createDense(right.shape, array=right, comm=K.comm)
-        X = PETSc.Mat().createDense(right.shape, comm=K.comm)
-        for matrix in (B, X):
-            matrix.assemble()
-        F.matSolve(B, X)
+        B.assemble()
+        X = B.duplicate()
+        factor.matSolve(B, X)
         found = X.getDenseArray().copy()
         B.destroy()
         X.destroy()

@@ -28,19 +28,12 @@ _TINY = np.float32(1e-20)
 class NormalResponse:
     """The skin's compliance along Z, taken from the finite elements about a pressed state.
 
-    Attributes
-    ----------
-    grid
-        Cells of the skin.
-    cells
-        Cells that a body can press, (n,), as numbers of the grid's places.
-    compliance_mm_per_MPa
-        Motion into the finger at one cell by a pressure on another, (n, n), symmetric.
+    It is the motion into the finger at one cell by a pressure on another, symmetric.
     """
 
-    grid: Grid
-    cells: NDArray[np.int64]
-    compliance_mm_per_MPa: Array
+    grid: Grid  # cells of the skin
+    cells: NDArray[np.int64]  # those that a body can press, (n,), as numbers of the grid's places
+    compliance_mm_per_MPa: Array  # (n, n)
 
     @property
     def cell_mm2(self) -> float:
@@ -50,24 +43,14 @@ class NormalResponse:
     def press(
         self, overlap_mm: Array, start_MPa: Array, tolerance_mm: float = TOLERANCE_MM
     ) -> Array:
-        """Return the pressures under bodies that overlap the undeformed skin, without friction.
+        """Return the pressures, (n, bodies), under bodies that overlap the undeformed skin.
 
-        Where pressed, skin lies on the body; elsewhere it is clear of it. The pressures are found
-        by conjugate gradients on the cells that press (Polonsky and Keer 1999, Wear 231:206).
+        There is no friction. Where pressed, skin lies on the body within a tolerance; elsewhere it
+        is clear of it. The pressures are found by conjugate gradients on the cells that press
+        (Polonsky and Keer 1999, Wear 231:206), from a guess (n, bodies) on; `overlap_mm`,
+        (n, bodies), is negative where they are apart.
 
-        Parameters
-        ----------
-        overlap_mm
-            (n, bodies); negative where they are apart.
-        start_MPa
-            A guess, (n, bodies).
-        tolerance_mm
-            Tolerance of the skin's place.
-
-        Raises
-        ------
-        ConvergenceError
-            Skin of a body is not on it.
+        Raises ConvergenceError if skin of a body is not on it.
         """
         C, nearly = self.compliance_mm_per_MPa, self._near_inverse
         stiffest, p = C.diagonal().max(), start_MPa.copy()
@@ -125,38 +108,21 @@ _LEAST_MM = 1e-6
 
 @dataclass(frozen=True)
 class TangentialResponse:
-    """The drag of sliding skin, ``mu c N^a`` along the slip; fitted to scans.
+    """The drag of sliding skin, ``mu c N^a`` along the slip; fitted to scans."""
 
-    Attributes
-    ----------
-    compliance_mm_per_N
-        Its factor `c` along Y.
-    exponent
-        `a`, of the normal force.
-    across
-        TangentialResponse along X over that along Y.
-    """
-
-    compliance_mm_per_N: float
-    exponent: float
-    across: float
+    compliance_mm_per_N: float  # c along Y
+    exponent: float  # a, of the normal force N
+    across: float  # drag along X over that along Y
 
     def limit_mm(self, friction: Array, normal_N: Array) -> Array:
         """Return how far sliding skin is dragged along Y."""
         return friction * self.compliance_mm_per_N * np.maximum(normal_N, 0.0) ** self.exponent
 
     def slid(self, slip: Array, moved_mm: Array, limit_mm: Array) -> Array:
-        """Return how the skin slips after the body has moved.
+        """Return how the skin slips, (..., 2), after a displacement of the body, (..., 2).
 
-        Parameters
-        ----------
-        slip
-            Direction of slip, (..., 2): its length is 0 where skin sticks unstrained and 1 where
-            all of it slides.
-        moved_mm
-            Displacement of the body, (..., 2).
-        limit_mm
-            (...,).
+        The length of the slip is 0 where skin sticks unstrained and 1 where all of it slides; the
+        limits are (...,).
         """
         length = np.linalg.norm(moved_mm, axis=-1, keepdims=True)
         left = np.exp(-length / np.maximum(limit_mm[..., None], _LEAST_MM))
@@ -176,32 +142,17 @@ _DRAGGED_MM = 2.0  # skin is dragged by no more
 
 @dataclass(frozen=True)
 class Pad:
-    """The undeformed pad, and how it yields.
+    """The undeformed pad, and how it yields."""
 
-    Attributes
-    ----------
-    grid
-        Places over which heights are read.
-    skin_mm
-        Z of the undeformed skin there, (places,).
-    normal
-        Its compliance; its cells are places of the grid as well.
-    tangential
-        How friction drags it along.
-    """
-
-    grid: Grid
-    skin_mm: Array
-    normal: NormalResponse
-    tangential: TangentialResponse
+    grid: Grid  # places over which heights are read
+    skin_mm: Array  # Z of the undeformed skin there, (places,)
+    normal: NormalResponse  # its cells are places of the grid as well
+    tangential: TangentialResponse  # how friction drags it along
 
     def meets(self, places_mm: Array) -> tuple[Array, Array]:
         """Return the least and the largest X and Y, in its frame, of what it meets of a body.
 
-        Parameters
-        ----------
-        places_mm
-            Places of the body in turn, (n, 2).
+        `places_mm` are the body's places in turn, (n, 2).
         """
         reach = self.grid.points_mm
         low = reach.min(axis=0) - places_mm.max(axis=0) - _DRAGGED_MM
@@ -209,21 +160,15 @@ class Pad:
 
     def under_cells(self) -> NDArray[np.int64]:
         """Return the places of the grid at the cells of the response, (cells,)."""
-        x, y = self.normal.grid.points_mm[self.normal.cells].T
-        i, j = (
-            np.round((at - low) / self.grid.spacing_mm).astype(np.int64)
-            for at, low in zip((x, y), self.grid.low_mm, strict=True)
-        )
-        return i * self.grid.shape[1] + j
+        cells = self.normal.grid.points_mm[self.normal.cells]
+        steps = np.round((cells - self.grid.low_mm) / self.grid.spacing_mm).astype(np.int64)
+        return np.ravel_multi_index(tuple(steps.T), self.grid.shape)
 
     @cached_property
     def is_covered(self) -> NDArray[np.bool_]:
         """Whether places of the grid are at a cell, (places,)."""
         cells = KDTree(self.normal.grid.points_mm[self.normal.cells])
-        covered: NDArray[np.bool_] = (
-            cells.query(self.grid.points_mm)[0] <= self.normal.grid.spacing_mm
-        )
-        return covered
+        return np.less_equal(cells.query(self.grid.points_mm)[0], self.normal.grid.spacing_mm)
 
     def symmetric(self) -> Pad:
         """Return the mean of the pad and its mirror image in X."""
@@ -240,30 +185,7 @@ class Pad:
 class ContactPatch:
     """The contact of one pad with bodies, each on its own.
 
-    Parameters
-    ----------
-    pad
-        The finger's.
-    bodies
-        What is touched.
-    friction
-        Coefficients, (bodies,).
-    places_mm
-        Places of the bodies at first, (bodies, 3).
-    tolerance_mm
-        See `NormalResponse.press`.
-
-    Attributes
-    ----------
-    overlap_mm
-        How deep each body lies in the undeformed pad, dragged along, (bodies, places); at least
-        -0.8.
-    pressure_MPa
-        On the cells of the response's grid, (bodies, cells).
-    normal_N
-        Sum of the pressures, (bodies,).
-    is_off
-        Whether bodies lie deepest in skin of which the response has no cells, (bodies,).
+    Coefficients of `friction` are (bodies,), `places_mm` at first (bodies, 3).
     """
 
     def __init__(
@@ -281,9 +203,12 @@ class ContactPatch:
         self._slip, self._drag = np.zeros((count, 2)), np.zeros((count, 2))
         self._lead = np.zeros((count, 3))
         self._pressed = np.zeros((len(self._cells), count), np.float32)
+        # How deep each body lies in the undeformed pad, dragged along, (bodies, places).
         self.overlap_mm = np.full((count, len(pad.skin_mm)), np.float32(_APART_MM))
+        # On the cells of the response's grid, (bodies, cells), and their sums, (bodies,).
         self.pressure_MPa = np.zeros((count, len(pad.normal.grid.points_mm)), np.float32)
         self.normal_N = np.zeros(count)
+        # Whether bodies lie deepest in skin of which the response has no cells, (bodies,).
         self.is_off = np.zeros(count, bool)
 
     def move(self, places_mm: Array, dt_s: float) -> None:
@@ -321,17 +246,9 @@ class ContactPatch:
 
     def whole(self) -> Array:
         """Return what is the same for all receptors, (bodies, `WHOLE`)."""
-        friction = self._friction[:, None]
-        columns = (
-            self._slip,
-            self._drag,
-            friction,
-            friction * self._slip,
-            self._lead,
-            self.normal_N[:, None],
-            self._places[:, 2:],
-        )
-        return np.concatenate(columns, axis=1)
+        friction, depth_mm = self._friction[:, None], self._places[:, 2]
+        sliding = self._slip, self._drag, friction, friction * self._slip
+        return np.column_stack([*sliding, self._lead, self.normal_N, depth_mm])
 
     def measures(self) -> Array:
         """Return what a finger must have been made from, (bodies, `WHOLE` and largest pressure)."""

@@ -126,13 +126,7 @@ class FastFinger:
 
     @classmethod
     def read(cls, file: File | str) -> Self:
-        """Return the finger of a file.
-
-        Raises
-        ------
-        StudyError
-            There is none, or it holds no reduced finger.
-        """
+        """Return the finger of a file; raise StudyError if there is none, or it holds no finger."""
         try:
             saved = File(file).read_bytes()
         except OSError as error:
@@ -151,7 +145,12 @@ class FastFinger:
             networks = Network.read("felt", arrays), Network.read("whole", arrays)
             rest = arrays["receptors_mm"], arrays["ranges"], about["made_from"], about["errors"]
             finger = cls(pad, *networks, *rest)
-            _check_arrays(arrays, pad)
+            count, places = len(cells[1]), len(pad.grid.points_mm)
+            sizes = (count, count), (places,), (len(rest[0]), 3), (2, len(WHOLE) + 1)
+            is_right = sizes == tuple(map(np.shape, (cells[2], arrays["skin_mm"], *rest[:2])))
+            numbers = [array for name, array in arrays.items() if name != "about"]
+            if not (is_right and all(np.isfinite(array).all() for array in numbers)):
+                raise ValueError
             assert finger.study.populations
             plate = HeightMap.of_array(np.zeros((2, 2)), 1.0)
             finger.loop(plate, receptors_mm=[(0.0, 0.0)]).step((0.0, 0.0, 0.1), 1.0)
@@ -169,6 +168,9 @@ class FastFinger:
     ) -> Loop:
         """Return a loop that is stepped from outside, such as a simulator's.
 
+        Raises StudyError if friction is negative or not finite, shapes do not fit, or a receptor
+        lies beyond those that were taught.
+
         Parameters
         ----------
         bodies
@@ -181,11 +183,6 @@ class FastFinger:
         receptors_mm
             X and Y of receptors, (receptors, 2), up to 5.5 and 6 mm from 0; default those of the
             study. Z may follow but has no effect: it is at the study's depth below the skin.
-
-        Raises
-        ------
-        StudyError
-            Friction is negative or not finite, shapes do not fit, or a receptor lies elsewhere.
         """
         return Loop(self, bodies, friction, start_mm, receptors_mm)
 
@@ -295,7 +292,8 @@ class Loop:
         self._patch = ContactPatch(finger.pad, maps, mu, start, tolerance_mm)
         self._view = View.of(finger.pad, self.receptors_mm[:, :2])
         self._overview = Overview(finger.pad)
-        self._mirrors = mirror_of_view(), self._overview.mirror()
+        mirrors = mirror_of_view(), self._overview.mirror()
+        self._mirrors = mirrors if finger.is_symmetric else (None, None)
 
     def step(self, place_mm: ArrayLike, dt_s: float) -> BodyState:
         """Move the bodies to a place, (3,) or (bodies, 3), within a time; return what is felt.
@@ -316,13 +314,9 @@ class Loop:
         patch, finger = self._patch, self._finger
         patch.move(places, dt_s)
         touches = patch.normal_N > 0
-        inputs = np.concatenate(self._view(patch)), self._overview(patch)
-        if finger.is_symmetric:
-            of_view, of_overview = self._mirrors
-            values = finger.felt.mirrored_mean(inputs[0], of_view, FELT_SIGNS)
-            whole = finger.whole.mirrored_mean(inputs[1], of_overview, WHOLE_SIGNS)
-        else:
-            values, whole = finger.felt(inputs[0]), finger.whole(inputs[1])
+        of_view, of_overview = self._mirrors
+        values = finger.felt.mirrored_mean(np.concatenate(self._view(patch)), of_view, FELT_SIGNS)
+        whole = finger.whole.mirrored_mean(self._overview(patch), of_overview, WHOLE_SIGNS)
         force = np.where(touches[:, None], whole[:, :3] * patch.normal_N[:, None], 0.0)
         area = np.where(touches, np.maximum(whole[:, 3], 0.0), 0.0)
         force[:, 2] = np.maximum(force[:, 2], 0.0)
@@ -354,20 +348,6 @@ def _of_bodies(values: ArrayLike, shape: tuple[int, ...], problem: str) -> Array
         return np.broadcast_to(np.asarray(values, dtype=float), shape)
     except (ValueError, TypeError):
         raise StudyError(problem) from None
-
-
-def _check_arrays(arrays: Mapping[str, Array], pad: Pad) -> None:
-    """Raise an error for arrays of a file that are not finite or of another shape."""
-    count = len(pad.normal.grid.points_mm[arrays["cells"]])
-    sizes = {
-        "skin_mm": (len(pad.grid.points_mm),),
-        "compliance_mm_per_MPa": (count, count),
-        "receptors_mm": (len(arrays["receptors_mm"]), 3),
-        "ranges": (2, len(WHOLE) + 1),
-    }
-    finite = all(np.isfinite(array).all() for name, array in arrays.items() if name != "about")
-    if not (finite and all(arrays[name].shape == size for name, size in sizes.items())):
-        raise ValueError
 
 
 def is_symmetric(study: Mapping[str, Any]) -> bool:

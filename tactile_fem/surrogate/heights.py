@@ -19,21 +19,11 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class Grid:
-    """Places of equal spacing in X and Y.
+    """Places of equal spacing in X and Y."""
 
-    Attributes
-    ----------
-    low_mm
-        Its first place, (2,).
-    spacing_mm
-        Both ways.
-    shape
-        Numbers of places in X and Y.
-    """
-
-    low_mm: tuple[float, float]
-    spacing_mm: float
-    shape: tuple[int, int]
+    low_mm: tuple[float, float]  # its first place
+    spacing_mm: float  # both ways
+    shape: tuple[int, int]  # numbers of places in X and Y
 
     @classmethod
     def over(cls, low_mm: ArrayLike, high_mm: ArrayLike, spacing_mm: float) -> Self:
@@ -43,19 +33,10 @@ class Grid:
         return cls((float(low[0]), float(low[1])), spacing_mm, (nx, ny))
 
     @cached_property
-    def x_mm(self) -> Array:
-        """Its places in X, (nx,)."""
-        return self.low_mm[0] + self.spacing_mm * np.arange(self.shape[0])
-
-    @cached_property
-    def y_mm(self) -> Array:
-        """Its places in Y, (ny,)."""
-        return self.low_mm[1] + self.spacing_mm * np.arange(self.shape[1])
-
-    @cached_property
     def points_mm(self) -> Array:
         """All its places, (nx * ny, 2); Y runs fastest."""
-        return np.stack(np.meshgrid(self.x_mm, self.y_mm, indexing="ij"), axis=-1).reshape(-1, 2)
+        steps = np.moveaxis(np.indices(self.shape), 0, -1).reshape(-1, 2)
+        return self.low_mm + self.spacing_mm * steps
 
     def means(self, places_mm: Array, half_mm: float) -> sparse.csr_array:
         """Return the matrix (places, nx * ny) of means about places (n, 2).
@@ -87,8 +68,8 @@ class Grid:
 
 def disc(spacing_mm: float, radius_mm: float, beyond_mm: float = -1.0) -> Array:
     """Return the places (n, 2) of a grid about 0 that lie within one radius and beyond another."""
-    k = spacing_mm * np.arange(-int(radius_mm / spacing_mm), int(radius_mm / spacing_mm) + 1)
-    places = np.stack(np.meshgrid(k, k, indexing="ij"), axis=-1).reshape(-1, 2)
+    k = int(radius_mm / spacing_mm)
+    places = Grid((-k * spacing_mm, -k * spacing_mm), spacing_mm, (2 * k + 1, 2 * k + 1)).points_mm
     distance = np.hypot(*places.T)
     return places[(distance <= radius_mm + 1e-9) & (distance > beyond_mm)]
 
@@ -114,18 +95,9 @@ class HeightMap:
     heights_mm: Array
 
     def __post_init__(self) -> None:
-        """Refuse heights that do not fit the grid.
-
-        Raises
-        ------
-        StudyError
-            Another shape, or heights that are above 0 or not finite.
-        """
-        if np.shape(self.heights_mm) != self.grid.shape:
-            raise StudyError(
-                f"heights_mm has the shape {np.shape(self.heights_mm)} on a grid of "
-                f"{self.grid.shape} places."
-            )
+        """Raise StudyError for heights of another shape, above 0, or not finite."""
+        if (shape := np.shape(self.heights_mm)) != self.grid.shape:
+            raise StudyError(f"heights_mm has the shape {shape} on a grid of {self.grid.shape}.")
         if not np.isfinite(self.heights_mm).all():
             raise StudyError("heights_mm: all heights must be finite.")
         if (top := np.max(self.heights_mm)) > _NEAR_MM:
@@ -135,10 +107,8 @@ class HeightMap:
     def of_array(cls, heights_mm: ArrayLike, spacing_mm: float) -> Self:
         """Return heights (nx, ny) about the body's origin, their highest raised or lowered to 0.
 
-        Raises
-        ------
-        StudyError
-            They are no table of two by two or more finite heights, or the spacing is not positive.
+        Raises StudyError if they are no table of two by two or more finite heights, or the spacing
+        is not positive.
         """
         if np.ma.is_masked(heights_mm):
             raise StudyError("heights_mm: some heights are masked; fill them first.")

@@ -9,12 +9,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.spatial import KDTree
 
 from tactile_fem.neuron import STANDARD
 from tactile_fem.surrogate.contact import ACROSS, ContactPatch, Pad
 from tactile_fem.surrogate.heights import Grid, disc
 
 Array = NDArray[Any]
+Mirror = tuple[NDArray[np.int64], Array]  # order and signs of inputs if all is mirrored in X
 
 
 @dataclass(frozen=True)
@@ -23,15 +25,10 @@ class Network:
 
     Inputs are taken less their `middle` and over their `scale`; outputs are multiplied and shifted
     likewise. Both are folded into the first and the last layer.
-
-    Attributes
-    ----------
-    weights, biases
-        An array for each layer, (inputs, outputs) and (outputs,).
     """
 
-    weights: tuple[Array, ...]
-    biases: tuple[Array, ...]
+    weights: tuple[Array, ...]  # of each layer, (inputs, outputs)
+    biases: tuple[Array, ...]  # (outputs,)
 
     @classmethod
     def scaled(
@@ -60,21 +57,17 @@ class Network:
             np.maximum(x, 0, out=x)
         return x @ last[0] + last[1]
 
-    def mirrored_mean(
-        self, x: Array, mirror: tuple[NDArray[np.int64], Array], signs: Array
-    ) -> Array:
-        """Return the mean of outputs and of those of mirrored inputs, which `signs` mirror back."""
+    def mirrored_mean(self, x: Array, mirror: Mirror | None, signs: Array) -> Array:
+        """Return the mean of outputs and, with a mirror, of those that `signs` mirror back."""
+        if mirror is None:
+            return self(x)
         order, flips = mirror
         return (self(x) + signs * self(x[:, order] * flips)) / 2
 
     def arrays(self, name: str) -> dict[str, Array]:
         """Return its arrays to save, by names that begin with its own."""
-        layers = enumerate(zip(self.weights, self.biases, strict=True))
-        return {
-            f"{name}_{kind}{k}": array
-            for k, pair in layers
-            for kind, array in zip("wb", pair, strict=True)
-        }
+        weights = {f"{name}_w{k}": array for k, array in enumerate(self.weights)}
+        return weights | {f"{name}_b{k}": array for k, array in enumerate(self.biases)}
 
     @classmethod
     def read(cls, name: str, saved: Mapping[str, Array]) -> Self:
@@ -104,10 +97,16 @@ def _places(parts: tuple[tuple[float, Array], ...]) -> Array:
     return np.concatenate([places for _, places in parts])
 
 
-def _mirrored(places: Array) -> NDArray[np.int64]:
-    """Return the number of the place that mirrors each in X."""
-    order = {(round(x, 6), round(y, 6)): k for k, (x, y) in enumerate(places.tolist())}
-    return np.array([order[round(-x, 6) + 0.0, round(y, 6)] for x, y in places.tolist()])
+def _mirror(*groups: Array | NDArray[np.bool_]) -> Mirror:
+    """Return the mirror of groups of inputs: places (n, 2), or whether each changes sign, (n,)."""
+    order, flips = list[NDArray[np.int64]](), list[NDArray[np.bool_]]()
+    for group in groups:
+        is_places, first = group.ndim == 2, sum(map(len, order))
+        own = KDTree(group).query(group * (-1, 1))[1] if is_places else np.arange(len(group))
+        order.append(first + own)
+        flips.append(np.zeros(len(group), bool) if is_places else group)
+    signs = np.where(np.concatenate(flips), -1.0, 1.0).astype(np.float32)
+    return np.concatenate(order), signs
 
 
 @dataclass(frozen=True)
@@ -122,11 +121,8 @@ class View:
     def of(cls, pad: Pad, places_mm: Array) -> View:
         """Return the view of receptors at X and Y (receptors, 2)."""
         places = np.asarray(places_mm, dtype=float)
-        return cls(
-            places,
-            _around(places, pad.normal.grid, _OF_PRESSURE),
-            _around(places, pad.grid, _OF_OVERLAP),
-        )
+        pressures = _around(places, pad.normal.grid, _OF_PRESSURE)
+        return cls(places, pressures, _around(places, pad.grid, _OF_OVERLAP))
 
     def __call__(self, patch: ContactPatch) -> Array:
         """Return the inputs, (bodies, receptors, inputs)."""
@@ -153,13 +149,10 @@ def _about(matrix: sparse.csr_array, values: Array, receptors: int) -> Array:
     return (matrix @ values.T).T.reshape(len(values), receptors, -1)
 
 
-def mirror_of_view() -> tuple[NDArray[np.int64], Array]:
-    """Return the order and the signs of a view's inputs if all is mirrored in X."""
-    pressures, overlaps = _mirrored(_places(_OF_PRESSURE)), _mirrored(_places(_OF_OVERLAP))
-    stencil = np.concatenate([pressures, len(pressures) + overlaps])
-    order = np.concatenate([stencil, len(stencil) + np.arange(len(ACROSS) + 2)])
-    flips = np.concatenate([np.zeros(len(stencil), bool), ACROSS, [True, False]])
-    return order, np.where(flips, -1.0, 1.0).astype(np.float32)
+def mirror_of_view() -> Mirror:
+    """Return the mirror of a view's inputs."""
+    about = _places(_OF_PRESSURE), _places(_OF_OVERLAP)
+    return _mirror(*about, np.array([*ACROSS, True, False]))
 
 
 def stencil_parts() -> tuple[slice, slice]:
@@ -183,19 +176,14 @@ class Overview:
         fine = patch.pressure_MPa
         coarse = _about(self._means, _PRESSURES_PER_MPA * fine, 1)[:, 0]
         pressed_mm2 = self._cell_mm2 * (fine > 0).sum(axis=1)
-        # As large, if all cells that press pressed alike.
-        alike_mm2 = (
-            fine.sum(axis=1) ** 2 / np.maximum((fine**2).sum(axis=1), 1e-12) * self._cell_mm2
-        )
-        areas = np.column_stack([pressed_mm2, alike_mm2]) / _AREA_MM2
+        # As many, if all cells that press pressed alike.
+        alike = fine.sum(axis=1) ** 2 / np.maximum((fine**2).sum(axis=1), 1e-12)
+        areas = np.column_stack([pressed_mm2, alike * self._cell_mm2]) / _AREA_MM2
         return np.concatenate([coarse, areas, patch.whole()], axis=1, dtype=np.float32)
 
-    def mirror(self) -> tuple[NDArray[np.int64], Array]:
-        """Return the order and the signs of its inputs if all is mirrored in X."""
-        coarse = _mirrored(self._coarse.points_mm)
-        order = np.concatenate([coarse, len(coarse) + np.arange(2 + len(ACROSS))])
-        flips = np.concatenate([np.zeros(len(coarse) + 2, bool), ACROSS])
-        return order, np.where(flips, -1.0, 1.0).astype(np.float32)
+    def mirror(self) -> Mirror:
+        """Return the mirror of its inputs."""
+        return _mirror(self._coarse.points_mm, np.array([False, False, *ACROSS]))
 
 
 def columns_of(values: Array) -> dict[str, Array]:

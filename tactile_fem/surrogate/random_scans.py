@@ -41,12 +41,8 @@ Random = np.random.Generator
 def random_scan(study: Study, number: int, kind: str = "lesson") -> Member:
     """Return a scan of a study's finger, with a body, path, friction and receptors of its number.
 
-    Of the `TEST_KINDS`, it tests what has learnt from others: it slides along the finger.
-
-    Raises
-    ------
-    StudyError
-        No body can be made, or the study is not that of a solid finger with one population.
+    Of the `TEST_KINDS`, it tests what has learnt from others: it slides along the finger. Raises
+    StudyError if no body can be made, or the study is not that of a solid finger.
     """
     for k in range(_DRAWS):
         drawn = _drawn(study, number + _NEXT_DRAW * k, kind)

@@ -21,15 +21,12 @@ from tactile_fem.series import Member, Outcome, collected, run_series
 from tactile_fem.study import Study
 from tactile_fem.surrogate.compliance import pad_of
 from tactile_fem.surrogate.contact import WHOLE, ContactPatch, Pad, TangentialResponse
-from tactile_fem.surrogate.fast_finger import (
-    FastFinger,
-    check_taught,
-    is_symmetric,
-)
+from tactile_fem.surrogate.fast_finger import FastFinger, check_taught, is_symmetric
 from tactile_fem.surrogate.heights import HeightMap
 from tactile_fem.surrogate.networks import (
     FELT_SIGNS,
     WHOLE_SIGNS,
+    Mirror,
     Network,
     Overview,
     View,
@@ -57,7 +54,8 @@ def reduce_finger(
     """Return the surrogate of a study's finger, made from scans of random bodies.
 
     The scans are kept in a folder: started again, with more of them too, it goes on. Stimulus and
-    protocol of the study have no effect.
+    protocol of the study have no effect. Raises StudyError for bad input, before anything runs, and
+    TactileError if fewer than 16 scans succeeded, or scikit-learn is missing.
 
     Parameters
     ----------
@@ -67,13 +65,6 @@ def reduce_finger(
         Scans side by side.
     collect
         Whether they have all run elsewhere.
-
-    Raises
-    ------
-    StudyError
-        Bad input, before anything runs.
-    TactileError
-        Fewer than 16 scans succeeded, or scikit-learn is missing.
     """
     wanted = wanted_scans(study, scans)
     outcomes = collected(wanted, folder) if collect else run_series(wanted, folder, jobs=jobs)
@@ -87,9 +78,7 @@ def wanted_scans(study: Study, scans: int) -> list[Member]:
         raise TactileError(
             'Reducing a finger needs scikit-learn: pip install "tactile-fem[reduce]".'
         )
-    mesh = study.finger.check()
-    assert mesh is not None, "this process reads the mesh"
-    check_taught(study.lay_out(mesh).positions_mm)
+    check_taught(_receptors_mm(study))
     tests = {_HELD_OUT * k: (k, TEST_KINDS[k % len(TEST_KINDS)]) for k in range(scans)}
     return [random_scan(study, *tests.get(number, (number,))) for number in range(scans)]
 
@@ -107,29 +96,32 @@ def check_reducible(study: Study, scans: int) -> None:
 
 def learn(study: Study, scans: Sequence[Results]) -> FastFinger:
     """Return the surrogate learnt from complete scans of a study's finger, and its errors."""
-    tests, lessons = list[Results](), list[Results]()
-    for scan in scans:
-        (tests if kind_of(scan) in TEST_KINDS else lessons).append(scan)
+    tests = [scan for scan in scans if kind_of(scan) in TEST_KINDS]
+    lessons = [scan for scan in scans if kind_of(scan) not in TEST_KINDS]
     tables = study.model_dump(mode="json")
     pad, symmetric = pad_of(study, DEEPEST_MM + _REACH_MM), is_symmetric(tables)
     pad = with_drag(pad.symmetric() if symmetric else pad, lessons)
     taught = [TrainingScan.of(pad, scan) for scan in lessons]
     felt = learn_felt(taught, is_symmetric=symmetric)
     whole = learn_whole(pad, taught, is_symmetric=symmetric)
-    mesh = study.finger.check()
-    assert mesh is not None, "this process reads the mesh"
     measures = np.concatenate([each.measures for each in taught])
     finger = FastFinger(
         pad=pad,
         felt=felt,
         whole=whole,
-        receptors_mm=study.lay_out(mesh).positions_mm,
+        receptors_mm=_receptors_mm(study),
         ranges=np.array([measures.min(axis=0), measures.max(axis=0)]),
         made_from={"study": tables, "scans": [s.folder.name for s in scans]},
     )
     finger = replace(finger, errors=errors_of(finger, tests))
     logger.info("beside %d scans that were held out: %s", len(tests), finger.errors)
     return finger
+
+
+def _receptors_mm(study: Study) -> Array:
+    mesh = study.finger.check()
+    assert mesh is not None, "this process reads the mesh"
+    return study.lay_out(mesh).positions_mm
 
 
 def kind_of(scan: Results) -> str:
@@ -159,24 +151,13 @@ _BATCH, _DECAY = 512, 1e-4
 
 @dataclass(frozen=True)
 class TrainingScan:
-    """What a scan teaches: inputs and outputs of the networks at its steps in contact.
+    """What a scan teaches: inputs and outputs of the networks at its steps in contact."""
 
-    Attributes
-    ----------
-    seen, felt
-        Rows of receptors, (rows, receptors, inputs) and (rows, receptors, outputs).
-    overview, whole
-        Of the whole finger, (rows, inputs) and (rows, 4): forces over the sum of the pressures,
-        and contact area in mm2.
-    measures
-        See `ContactPatch.measures`, (rows, values).
-    """
-
-    seen: Array
-    felt: Array
-    overview: Array
-    whole: Array
-    measures: Array
+    seen: Array  # (rows, receptors, inputs)
+    felt: Array  # (rows, receptors, outputs)
+    overview: Array  # of the whole finger, (rows, inputs)
+    whole: Array  # forces over the sum of the pressures, and contact area in mm2, (rows, 4)
+    measures: Array  # see `ContactPatch.measures`, (rows, values)
 
     @classmethod
     def of(cls, pad: Pad, scan: Results) -> TrainingScan:
@@ -249,9 +230,8 @@ def _missed(values: Array, friction: Array, normal: Array, places: Array, moved:
 
 def learn_felt(scans: Sequence[TrainingScan], *, is_symmetric: bool) -> Network:
     """Return the network of the receptors, learnt from scans and their mirror images, if any."""
-    inputs = [scan.seen.reshape(-1, scan.seen.shape[-1]) for scan in scans]
-    outputs = [scan.felt.reshape(-1, scan.felt.shape[-1]) for scan in scans]
-    x, y = np.concatenate(inputs), np.concatenate(outputs)
+    x = np.concatenate([scan.seen.reshape(-1, scan.seen.shape[-1]) for scan in scans])
+    y = np.concatenate([scan.felt.reshape(-1, scan.felt.shape[-1]) for scan in scans])
     if is_symmetric:
         x, y = _with_mirror_images(x, y, mirror_of_view(), FELT_SIGNS)
     scale = x.std(axis=0) + 1e-3
@@ -272,9 +252,7 @@ def learn_whole(pad: Pad, scans: Sequence[TrainingScan], *, is_symmetric: bool) 
     return _learnt("whole", x, y, x.std(axis=0) + 1e-2)
 
 
-def _with_mirror_images(
-    x: Array, y: Array, mirror: tuple[Array, Array], signs: Array
-) -> tuple[Array, Array]:
+def _with_mirror_images(x: Array, y: Array, mirror: Mirror, signs: Array) -> tuple[Array, Array]:
     order, flips = mirror
     return np.concatenate([x, x[:, order] * flips]), np.concatenate([y, y * signs])
 

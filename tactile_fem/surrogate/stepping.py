@@ -45,6 +45,9 @@ class BodyState:
     is_outside: NDArray[np.bool_]
 
 
+Moment = BodyState  # its earlier name
+
+
 class Row(NamedTuple):
     """A step: when and where it ends, and what is felt then."""
 
@@ -59,14 +62,8 @@ class Row(NamedTuple):
 def along(path: Path, loop: Any) -> Iterator[tuple[Row, BodyState]]:
     """Step a finger along a path, no step longer than 0.1 mm or 0.05 s; yield what is felt.
 
-    A press to a force is that of the first body.
-
-    Raises
-    ------
-    StudyError
-        The path begins turned, or a piece turns the body or holds a force.
-    ConvergenceError
-        A force is not met.
+    A press to a force is that of the first body. Raises StudyError if the path begins turned, or a
+    piece turns the body or holds a force, and ConvergenceError if a force is not met.
     """
     if np.any(path.start_rad):
         raise StudyError("protocol: a fast finger knows no turns, but its path begins turned.")

@@ -61,10 +61,7 @@ class Material(Kind):
     def scaled(self, factor: float) -> Self:
         """Return the tissue with its stiffness multiplied by a factor; relaxation is unchanged.
 
-        Raises
-        ------
-        StudyError
-            The factor is not a positive number.
+        Raises StudyError if the factor is not a positive number.
         """
         if not 0 < factor < math.inf:
             raise StudyError(f"factor is {factor:g} but must be a number above 0.")
@@ -108,12 +105,6 @@ class Polynomial(Material):
     C30_MPa: Finite = Field(0.0, description="of (I1bar - 3)^3")
     D1_per_MPa: Positive = Field(description="2/K, of (J - 1)^2 / D1")
     D2_per_MPa: Positive | None = Field(None, description="of (J - 1)^4 / D2; default: none")
-
-    @property
-    def is_neo_hookean(self) -> bool:
-        """Whether all constants other than C10 and D1 are zero or not set."""
-        higher = (self.C01_MPa, self.C20_MPa, self.C11_MPa, self.C02_MPa, self.C30_MPa)
-        return not any(higher) and self.D2_per_MPa is None
 
     def energy(self, F: Expr, at: At) -> Expr:
         """Return the strain energy density, in MPa; the same everywhere."""
@@ -248,10 +239,7 @@ Material.coded = OwnLaw
 
 def _neo_hookean(E_MPa: float, nu: float = 0.48) -> dict[str, float]:
     """Return C10 = G/2 and D1 = 2/K of a neo-Hookean tissue."""
-    return {
-        "C10_MPa": E_MPa / (4 * (1 + nu)),
-        "D1_per_MPa": 6 * (1 - 2 * nu) / E_MPa,
-    }
+    return {"C10_MPa": E_MPa / (4 * (1 + nu)), "D1_per_MPa": 6 * (1 - 2 * nu) / E_MPa}
 
 
 # Moduli of the outer layers before the fit, from the literature: stratum corneum E 0.5 MPa, half of
