@@ -150,7 +150,7 @@ def test_what_is_no_fit_is_refused(known, law, capsys):
     other = load_study(known / "study.toml", ["tissue.subcutaneous.C10_MPa=0.01"])
     for change, sentence in (
         (lambda: fit.write_text(text.replace("-0.01", "-9.01")), "positive definite"),
-        (lambda: fit.unlink(), "posterior.json cannot be read: No such file or directory."),
+        (lambda: fit.unlink(), "is not the folder of a fit: it has no posterior.json."),
         (
             lambda: (fit.write_text(text), (known / "study.toml").write_text(dump_study(other))),
             "tissue.subcutaneous.C10_MPa of the study is not that of the posterior.",
@@ -173,6 +173,7 @@ def test_bad_arguments_get_one_sentence(known):
         ("plate", {"depth_mm": 1}, "stimulus is 'plate' but must be a stimulus"),
         (Plate(), {"depth_mm": [1, -1]}, "depth_mm is .* but its numbers must be above 0"),
         (Plate(), {"depth_mm": []}, "depth_mm is .* but its numbers must be above 0"),
+        (Plate(), {"depth_mm": "deep"}, "depth_mm is .deep. but must be a number or several"),
         (Plate(), {"depth_mm": 1, "speed_mm_s": 0}, "speed_mm_s is .* must be above 0"),
     ):
         with pytest.raises(StudyError, match=sentence):

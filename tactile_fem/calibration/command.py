@@ -111,6 +111,8 @@ def predict(
 
     if wrong := [change for change in changes if not change.startswith(("stimulus.", "protocol."))]:
         raise StudyError(f'"{wrong[0]}" has no effect: finger and tissues are those of the fit.')
+    if not (fitted / "posterior.json").is_file():
+        raise StudyError(f"{fitted} is not the folder of a fit: it has no posterior.json.")
     own, place = fitted / "study.toml", results or fitted / "predictions"
     known = posterior.Posterior.load(fitted / "posterior.json", str(fitted / "posterior.json"))
     finger, other = load_study(own), load_study(study or own, changes)

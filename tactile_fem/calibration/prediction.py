@@ -96,7 +96,10 @@ def predict(
 
     if not isinstance(stimulus, Stimulus):
         raise StudyError(f"stimulus is {stimulus!r} but must be a stimulus such as Plate().")
-    depth = np.unique(np.asarray(depth_mm, dtype=float))
+    try:
+        depth = np.unique(np.asarray(depth_mm, dtype=float))
+    except (ValueError, TypeError):
+        raise StudyError(f"depth_mm is {depth_mm!r} but must be a number or several.") from None
     speed = study.protocol.press_speed_mm_s if speed_mm_s is None else speed_mm_s
     for name, given in (("depth_mm", depth), ("speed_mm_s", np.array([speed]))):
         if not (given.size and ((given > 0) & (given < np.inf)).all()):
