@@ -102,17 +102,9 @@ FELT = (
 
 # One value for each receptor.
 OF_RECEPTOR = (
-    Column(
-        "receptors_mm", (*_RECEPTORS, 3), "undeformed positions, one population after the other"
-    ),
-    Column(
-        "population",
-        _RECEPTORS,
-        "name of the population; `SA1` in a study without `[[afferents]]`",
-    ),
-    Column(
-        "directions", (*_RECEPTORS, 3), "preferred directions: unit vectors, tangent to the skin"
-    ),
+    Column("receptors_mm", (*_RECEPTORS, 3), "undeformed positions, population by population"),
+    Column("population", _RECEPTORS, "its name; `SA1` in a study without `[[afferents]]`"),
+    Column("directions", (*_RECEPTORS, 3), "preferred ones: unit vectors, tangent to the skin"),
 )
 
 TRACE = (
