@@ -145,11 +145,10 @@ def _check_options(
         raise StudyError(f"A section needs --save with a name in {', '.join(endings)}.")
     kind = None if save is None else save.suffix
     given = [option for option, value in at.items() if value is not None]
-    for option in given:
-        if kind not in (".png", ".html"):
-            raise StudyError(f"{option} goes with --save to a .png or .html file.")
-        if frequency_Hz is not None:
-            raise StudyError(f"{option} does not go with --vibration, whose state is its own.")
+    if given and kind not in (".png", ".html"):
+        raise StudyError(f"{given[0]} goes with --save to a .png or .html file.")
+    if given and frequency_Hz is not None:
+        raise StudyError(f"{given[0]} does not go with --vibration, whose state is its own.")
     if len(given) > 1:
         raise StudyError("--at-mm and --at-s are both given, but one of them chooses the frame.")
     if kind == ".html" and find_spec("trame_pyvista") is None:

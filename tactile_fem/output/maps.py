@@ -28,12 +28,8 @@ def surface_map(surface: SurfaceFields, show: str = "sed_kPa", title: str = "") 
     """Draw a column of `SurfaceFields.table`, or a quantity, over the undeformed places.
 
     Y is to the right. Only the lower side of the closed surface is drawn. Of a section, values are
-    drawn over Y or X. By default the title states time and displacement.
-
-    Raises
-    ------
-    StudyError
-        There is no such column.
+    drawn over Y or X. By default the title states time and displacement. StudyError if there is no
+    such column.
     """
     columns = {f"{AXES[k].lower()}_mm": own for k, own in enumerate(surface.points_mm.T)}
     columns |= surface.columns

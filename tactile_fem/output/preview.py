@@ -93,10 +93,7 @@ def preview_figure(finger: FingerMesh, body: RigidBody, path: Path) -> Figure:
 
 
 def _draw_from_above(
-    figure: Figure,
-    rim: NDArray[np.float64],
-    surface: pv.PolyData,
-    path: NDArray[np.float64],
+    figure: Figure, rim: NDArray[np.float64], surface: pv.PolyData, path: NDArray[np.float64]
 ) -> None:
     """Draw the heights of a body, the finger's rim and the path of the contact point over it.
 
@@ -142,11 +139,7 @@ def surfaces_figure(surfaces: Mapping[str, Triangles], place_mm: Sequence[float]
 
 
 def _show(
-    figure: Figure,
-    box: Extent,
-    image: NDArray[np.uint8],
-    title: str,
-    extent: Extent | None = None,
+    figure: Figure, box: Extent, image: NDArray[np.uint8], title: str, extent: Extent | None = None
 ) -> Axes:
     """Show an image in a box of the figure, with axes if its extent in mm is given."""
     axes = figure.add_axes(box)

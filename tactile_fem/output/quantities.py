@@ -85,6 +85,7 @@ def _von_mises(stress: Array) -> Array:
     return np.sqrt(apart / 2 + 3 * np.square(shear).sum(axis=0))
 
 
+_CONTACT = {"no contact": COLOURS["stratum_corneum"], "sticks": BLUE, "slips": VERMILION}
 QUANTITIES = {
     "sed": Quantity("Strain energy density (kPa)", "sed_kPa", is_log=True),
     "displacement": Quantity("Displacement (mm)", "displacement_mm", _length),
@@ -92,21 +93,14 @@ QUANTITIES = {
     "von_mises": Quantity("Von Mises stress (kPa)", "stress_kPa", _von_mises),
     "pressure": Quantity("Contact pressure (kPa)", "contact_pressure_kPa"),
     "friction": Quantity("Friction (kPa)", "friction_kPa", _length),
-    "slip": Quantity(
-        "Contact",
-        "contact",
-        categories={"no contact": COLOURS["stratum_corneum"], "sticks": BLUE, "slips": VERMILION},
-    ),
+    "slip": Quantity("Contact", "contact", categories=_CONTACT),
 }
 
 
 def quantity_of(name: str, columns: Mapping[str, Array], of: str) -> Quantity:
     """Return a quantity by its name, or that of a column of fields or of one of its components.
 
-    Raises
-    ------
-    StudyError
-        There is none, `of` what.
+    StudyError says that there is none, `of` what.
     """
     known = {key: one for key, one in QUANTITIES.items() if one.column in columns}
     if name.lower() in known:

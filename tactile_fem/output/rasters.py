@@ -52,11 +52,6 @@ class Trains(NamedTuple):
     places_mm: Array
     response: Response
 
-    @property
-    def order(self) -> NDArray[np.intp]:
-        """The receptors by their X, then Y."""
-        return np.lexsort((self.places_mm[:, 1], self.places_mm[:, 0]))
-
 
 @dataclass(frozen=True)
 class Line:
@@ -249,8 +244,9 @@ def _draw_bands(axes: Axes, trains: Sequence[Trains], over: Abscissa) -> None:
     axes.set_ylim(ends[-1], 0.0)
     middles, names = (ends[1:] + ends[:-1]) / 2, []
     for one, count, middle, band in zip(trains, counts, middles, np.diff(ends), strict=True):
+        order = np.lexsort((one.places_mm[:, 1], one.places_mm[:, 0]))
         axes.axhspan(middle - band / 2, middle + band / 2, color=one.colour, alpha=0.1, lw=0)
-        _draw_spikes(axes, one, over, middle - (count - 1) / 2 + np.argsort(one.order))
+        _draw_spikes(axes, one, over, middle - (count - 1) / 2 + np.argsort(order))
         names.append(f"{one.name}: {count}\n{one.response.counts().sum()} spikes")
     for label, one in zip(axes.set_yticks(middles, names), trains, strict=True):
         label.label1.set_color(one.colour)
@@ -259,13 +255,14 @@ def _draw_bands(axes: Axes, trains: Sequence[Trains], over: Abscissa) -> None:
 
 def _draw_spread(axes: Axes, one: Trains, over: Abscissa, *, named: bool) -> None:
     """Draw receptors in the order of X, then Y: dots, or the image of very many receptors."""
-    count, x = len(one.order), one.places_mm[one.order, 0]
+    order = np.lexsort((one.places_mm[:, 1], one.places_mm[:, 0]))
+    count, x = len(order), one.places_mm[order, 0]
     axes.set_ylim(count - 0.5, -0.5)
     if count > _MOST_ROWS:
-        ordered = one._replace(response=one.response.of(one.order))
+        ordered = one._replace(response=one.response.of(order))
         _draw_rates([axes], [ordered], [np.arange(count)], over)
     else:
-        _draw_spikes(axes, one, over, np.argsort(one.order))
+        _draw_spikes(axes, one, over, np.argsort(order))
     ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(x[0], x[-1])
     ticks = ticks[(ticks >= x[0] - 1e-9) & (ticks <= x[-1] + 1e-9)]
     sides = [np.searchsorted(x, ticks + shift) for shift in (-1e-9, 1e-9)]

@@ -284,9 +284,7 @@ def stimulator_surface(results: Results) -> pv.PolyData:
 
 
 def body_surface(
-    body: RigidBody,
-    places_mm: NDArray[np.float64],
-    turns_rad: NDArray[np.float64] | None = None,
+    body: RigidBody, places_mm: NDArray[np.float64], turns_rad: NDArray[np.float64] | None = None
 ) -> pv.PolyData:
     """Return that surface of a body that comes to places and turns (n, 3), as smooth as felt.
 

@@ -65,19 +65,18 @@ class SectionScene:
         self._skin = facets[(second < 0) & is_soft(film.mesh.tissue[first])]
         present = [name for name, tag in TISSUES.items() if np.any(film.mesh.tissue == tag)]
         self.legend = legend_of(present)
+        (left, low), (right, high) = self._nodes.min(axis=0), self._nodes.max(axis=0)
         if (shown := film.shown) is not None:
             if not shown.is_on_skin:
                 self.legend = legend_of(name for name in RIGID if name in present)
             population = () if film.population is None else film.population
             self.legend |= receptor_colours(population, _RECEPTORS) | shown.categories
-        (left, low), (right, high) = self._nodes.min(axis=0), self._nodes.max(axis=0)
-        if film.shown is not None:
             half_width, high = _PAD_SIZE_MM
             left, right = max(left, -half_width), min(right, half_width)
         self._x_limits = left - _MARGIN_MM, right + _MARGIN_MM
         self._z_limits = low - _MARGIN_BELOW_MM, high + _MARGIN_MM
-        shown = zip(self._x_limits, self._z_limits, strict=True)
-        corners = (self._plane.vectors(corner) for corner in shown)
+        box = zip(self._x_limits, self._z_limits, strict=True)
+        corners = (self._plane.vectors(corner) for corner in box)
         ends = swept(*corners, film.stimulator_mm, film.stimulator_rad)
         (left, low), (right, _) = map(self._plane.within, ends)
         lowest, highest = _BODY_HEIGHTS_MM

@@ -79,9 +79,9 @@ class SkinContact:
         ``contact`` (n,), see `Contact`.
         """
         area = vertex_areas(self._nodes + moved_mm, self._corners)
-        pressure, friction, bound = (
-            self._spread(self._hats(force), area) for force in (pressure_N, friction_N, bound_N)
-        )
+        per_mm2 = _KPA_PER_MPA / np.where(area > 0, area, np.inf)[:, None]
+        forces = pressure_N, friction_N, bound_N
+        pressure, friction, bound = (per_mm2 * self._hats(force) for force in forces)
         pressure, bound = (np.linalg.norm(values, axis=1) for values in (pressure, bound))
         for values in (pressure, friction, bound):
             # A middle has the mean of its edge's ends, as fields between corners are linear.
@@ -99,9 +99,6 @@ class SkinContact:
         for ends in self._sides.T:
             np.add.at(hats, ends, force_N[self._middles] / 2)
         return hats
-
-    def _spread(self, force_N: Array, area_mm2: Array) -> Array:
-        return _KPA_PER_MPA * force_N / np.where(area_mm2 > 0, area_mm2, np.inf)[:, None]
 
 
 def vertex_areas(nodes: Array, corners: NDArray[np.int64]) -> Array:

@@ -85,11 +85,7 @@ def compare(study: Study, trace: Mapping[str, NDArray[Any]]) -> list[Compared]:
 
     The first row is the start of the first piece that follows the file; else it, or the contact, is
     that of the path. Without a recording, or if the trace ends before two rows, there are none.
-
-    Raises
-    ------
-    StudyError
-        The recording cannot be read.
+    StudyError if the recording cannot be read.
     """
     file = study.output.measured
     if file is None:

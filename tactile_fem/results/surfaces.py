@@ -151,13 +151,7 @@ def components(columns: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def skin_of(state: FieldState, time_s: float, at_mm: float) -> SurfaceFields:
-    """Return the fields on the skin of a state.
-
-    Raises
-    ------
-    StudyError
-        A scan of an older version wrote it, without contact.
-    """
+    """Return the fields on the skin of a state; StudyError if an older version wrote no contact."""
     if "skin" not in state.of_nodes:
         raise StudyError(
             "The fields of this scan have no contact pressure, as an older version wrote them: "
@@ -174,13 +168,7 @@ def skin_of(state: FieldState, time_s: float, at_mm: float) -> SurfaceFields:
 def interface_of(
     state: FieldState, time_s: float, at_mm: float, side: str, other: str
 ) -> SurfaceFields:
-    """Return the fields of one tissue where it meets another.
-
-    Raises
-    ------
-    StudyError
-        There is no such tissue, or the two do not meet.
-    """
+    """Return the fields of one tissue where it meets another; StudyError if it does not."""
     for name in (side, other):
         if name not in TISSUES:
             raise StudyError(f"{name} is no tissue: choose among {', '.join(TISSUES)}.")
