@@ -55,10 +55,8 @@ class SkinContact:
     @cached_property
     def on_skin(self) -> NDArray[np.bool_]:
         """Whether each node of the finger is one of the skin, (n,)."""
-        found = np.zeros(len(self._nodes), dtype=bool)
-        found[self._corners] = True
-        found[self._middles] = True
-        return found
+        own = np.concatenate([self._corners.ravel(), self._middles])
+        return np.isin(np.arange(len(self._nodes)), own)
 
     def fields(
         self, moved_mm: Array, pressure_N: Array, friction_N: Array, bound_N: Array
