@@ -63,7 +63,6 @@ def test_a_film_has_one_colour_scale(section):
     scene = SectionScene(film, gap_of(Plate().body()))
     ends = {scene.figure(k, 50).axes[1].get_ylim() for k in range(len(film))}
     assert ends == {film.limits}
-    assert Film.of_scan(section, "displacement", (0.0, 3.0)).limits == (0.0, 3.0)
     assert Film.of_scan(section, "displacement_z_mm").limits[0] >= 0
     signed = Film.of_scan(section, "displacement_y_mm").limits
     assert signed[0] < signed[1] <= 0.01
@@ -133,8 +132,6 @@ def test_films_have_their_resolution_and_figures_their_width(tmp_path):
     [
         (["--show", "nonsense"], "nonsense is no column of the fields in"),
         (["--show", "sed", "--width-mm", "0"], "Must be >= 40"),
-        (["--show", "sed", "--limits", "2", "1"], "must be two rising numbers"),
-        (["--limits", "1", "2"], "--limits must be two rising numbers and goes with --show"),
         (["--show", "sed", "--vibration", "100"], "--show does not go with --vibration"),
     ],
 )

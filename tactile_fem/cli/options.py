@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from importlib import import_module
@@ -64,7 +63,7 @@ class Scheduling:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Size:
+class Size(Print):
     """Size of figures in print."""
 
     width_mm: Annotated[
@@ -78,13 +77,9 @@ class Size:
         int | None,
         Parameter(
             validator=validators.Number(gte=50, lte=1200),
-            help="Dots per inch; default 200, of animations 112, of a preview 150.",
+            help="Dots per inch; default 200, of animations 112.",
         ),
     ] = None
-
-    def used(self) -> AbstractContextManager[None]:
-        """Have figures drawn and written so."""
-        return Print(self.width_mm, self.dpi).used()
 
 
 ONE_BY_ONE, OWN_SIZE = Scheduling(), Size()

@@ -100,11 +100,10 @@ def fields(
 
     found = Results.open(results)
     if output is None:
-        print(f"time_s,displacement_mm,depth_mm,normal_{found.study.finger.force_unit}")
-        rows = found.kept_rows
-        names = "time_s", "displacement_mm", "depth_mm"
-        columns = *(found.trace[name][rows] for name in names), found.trace["force_N"][rows, 2]
-        for values in zip(*columns, strict=True):
+        names = ["time_s", "displacement_mm", "depth_mm"]
+        print(",".join([*names, f"normal_{found.study.finger.force_unit}"]))
+        columns = [*(found.trace[name] for name in names), found.trace["force_N"][:, 2]]
+        for values in zip(*(column[found.kept_rows] for column in columns), strict=True):
             print(",".join(f"{value:.6g}" for value in values))
         return
     check_file("--output", output, *ENDINGS, ".png")

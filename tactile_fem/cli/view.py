@@ -28,9 +28,7 @@ if TYPE_CHECKING:
 _PREVIEW_DPI = 150
 
 
-def preview(
-    study: StudyFile = None, /, *, output: Written, changes: Changes = (), size: Size = OWN_SIZE
-) -> None:
+def preview(study: StudyFile = None, /, *, output: Written, changes: Changes = ()) -> None:
     """Draw finger and stimulator before a scan, and where the contact point goes.
 
     Parameters
@@ -46,16 +44,15 @@ def preview(
     from tactile_fem.finger.anatomy import SurfaceFiles
     from tactile_fem.runtime.files import write_figure
 
-    with size.used():
-        try:
-            figure = preview_of(the_study)
-        except PlaceError as error:
-            if the_study.finger.is_scanned:
-                drawn = SurfaceFiles.reader(the_study.finger).figure(error.place_mm)
-                write_figure(output, drawn, _PREVIEW_DPI)
-                print(f"The scans and the place are drawn in {output}")
-            raise
-        write_figure(output, figure, _PREVIEW_DPI)
+    try:
+        figure = preview_of(the_study)
+    except PlaceError as error:
+        if the_study.finger.is_scanned:
+            drawn = SurfaceFiles.reader(the_study.finger).figure(error.place_mm)
+            write_figure(output, drawn, _PREVIEW_DPI)
+            print(f"The scans and the place are drawn in {output}")
+        raise
+    write_figure(output, figure, _PREVIEW_DPI)
     print(f"Written to {output}")
 
 
@@ -67,7 +64,6 @@ def view(
     at_mm: float | None = None,
     at_s: float | None = None,
     show: str | None = None,
-    limits: tuple[float, float] | None = None,
     size: Size = OWN_SIZE,
     vibration: Annotated[
         PositiveFloat | None,
@@ -96,8 +92,6 @@ def view(
         Instead of the receptors a field: sed, displacement, stretch, von_mises, on the finger cut
         along X = 0; pressure, friction, slip, on the skin from beneath; or a column of the table
         that `fields` writes, such as stress_zz_kPa.
-    limits
-        Ends of the field's colours, to compare scans; default those of all frames.
     amplitude_um
         Amplitude of the vibration.
     """
@@ -108,8 +102,6 @@ def view(
     _check_options(plane, save, {"--at-mm": at_mm, "--at-s": at_s}, vibration)
     if show is not None and vibration is not None:
         raise StudyError("--show does not go with --vibration, which shows the amplitude.")
-    if limits is not None and (show is None or limits[0] >= limits[1]):
-        raise StudyError("--limits must be two rising numbers and goes with --show.")
     modes_file = found.vibration / "modes.npz"
     if vibration is not None and not modes_file.exists():
         raise StudyError(f"{modes_file} is missing: run tactile-fem vibrate {results} first.")
@@ -126,7 +118,7 @@ def view(
 
     look: pictures.Look = "receptors" if show is None else "deformation"
     if vibration is None:
-        film = Film.of_scan(found, show or "sed", limits)
+        film = Film.of_scan(found, show or "sed")
     else:
         modes, look = Modes.load(modes_file), "vibration"
         film = Film.of_vibration(modes, modes.nearest(vibration), amplitude_um / 1000)
@@ -134,11 +126,9 @@ def view(
     if save is None:
         viewing.window(frames).show()
         return
-    k = film.strongest
+    k = film.strongest if at_s is None else film.nearest(at_s)
     if at_mm is not None:
         k = film.nearest_mm(at_mm)
-    if at_s is not None:
-        k = film.nearest(at_s)
     with size.used():
         viewing.save(frames, save, k)
     print(f"Written to {save}")
@@ -155,13 +145,10 @@ def _check_options(
         raise StudyError(f"A section needs --save with a name in {', '.join(endings)}.")
     kind = None if save is None else save.suffix
     given = [option for option, value in at.items() if value is not None]
-    for option in given:
-        if kind not in (".png", ".html"):
-            raise StudyError(f"{option} goes with --save to a .png or .html file.")
-        if frequency_Hz is not None:
-            raise StudyError(
-                f"{option} does not go with --vibration: its state was chosen by `vibrate`."
-            )
+    if given and kind not in (".png", ".html"):
+        raise StudyError(f"{given[0]} goes with --save to a .png or .html file.")
+    if given and frequency_Hz is not None:
+        raise StudyError(f"{given[0]} does not go with --vibration, whose state is its own.")
     if len(given) > 1:
         raise StudyError("--at-mm and --at-s are both given, but one of them chooses the frame.")
     if kind == ".html" and find_spec("trame_pyvista") is None:

@@ -88,17 +88,12 @@ class Abscissa:
             axes.set_xticks(ticks[(ticks >= 0) & (ticks <= end + _ROUNDING)])
         if label:
             axes.set_xlabel(self.label)
-            if self.is_to_scale:
-                self._draw_time(axes)
-
-    def _draw_time(self, axes: Axes) -> None:
-        """Draw the time as a second axis below the displacement."""
-        second = axes.secondary_xaxis(
-            "bottom", functions=(lambda at: at / self.per_s, lambda time_s: time_s * self.per_s)
-        )
-        second.spines["bottom"].set_position(("outward", 34))
-        second.xaxis.set_major_locator(_locator(axes))
-        second.set_xlabel(TIME)
+        if label and self.is_to_scale:  # then the time is a second axis below
+            functions = (lambda at: at / self.per_s), self.at
+            second = axes.secondary_xaxis("bottom", functions=functions)
+            second.spines["bottom"].set_position(("outward", 34))
+            second.xaxis.set_major_locator(_locator(axes))
+            second.set_xlabel(TIME)
 
 
 def inches(axes: Axes) -> tuple[float, float]:

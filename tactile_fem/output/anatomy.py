@@ -46,7 +46,10 @@ def finger_figure(mesh: FingerMesh) -> Figure:
     panels[0].set_ylim(low[:, 1].min() - 2.5 * _MARGIN_MM, high[:, 1].max() + 2.5 * _MARGIN_MM)
     panels[1].set_xlim(spans[1][0][0] - _MARGIN_MM, spans[1][1][0] + _MARGIN_MM + _LABELS_MM)
     _name_layers(panels[1], across, spans[1][1][0] + 2 * _MARGIN_MM)
-    _draw_scale(panels[0], spans[0][0][0], low[:, 1].min() - _MARGIN_MM)
+    left, height = spans[0][0][0], low[:, 1].min() - _MARGIN_MM
+    panels[0].plot([left, left + _BAR_MM], [height] * 2, color=INK, lw=2, solid_capstyle="butt")
+    style = {"textcoords": "offset points", "ha": "center", "va": "top", "fontsize": 8}
+    panels[0].annotate(f"{_BAR_MM:g} mm", (left + _BAR_MM / 2, height), (0, -3), **style)
     return figure
 
 
@@ -98,19 +101,7 @@ def _name_layers(axes: Axes, parts: dict[str, shapely.Geometry], right: float) -
     low, high = _bounds(parts)
     heights = np.linspace(high[1] - 0.5, low[1] + 0.5, len(names))
     for name, height in zip(names, heights, strict=True):
-        axes.annotate(
-            name.replace("_", " "),
-            anchors[name],
-            (right, height),
-            va="center",
-            fontsize=8,
-            arrowprops={"arrowstyle": "-", "lw": 0.6, "color": INK, "shrinkA": 1, "shrinkB": 0},
-        )
+        line = {"arrowstyle": "-", "lw": 0.6, "color": INK, "shrinkA": 1, "shrinkB": 0}
+        style = {"va": "center", "fontsize": 8, "arrowprops": line}
+        axes.annotate(name.replace("_", " "), anchors[name], (right, height), **style)
         axes.plot(*anchors[name], "o", ms=2, color=INK)
-
-
-def _draw_scale(axes: Axes, left: float, height: float) -> None:
-    axes.plot([left, left + _BAR_MM], [height, height], color=INK, lw=2, solid_capstyle="butt")
-    middle = left + _BAR_MM / 2
-    style = {"ha": "center", "va": "top", "fontsize": 8}
-    axes.annotate(f"{_BAR_MM:g} mm", (middle, height), (0, -3), textcoords="offset points", **style)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import cycle
 from typing import NamedTuple
@@ -31,18 +30,15 @@ COLOURS = {
 # Tissues without strain energy.
 RIGID = ("bone", "nail")
 _SCALE_BAR_MM = 2.0
-# Letters of a title, and of a label.
-_LETTERS_PER_INCH, _SMALL_PER_INCH = 12, 15
 SCALE = "viridis"
 SIZE_INCHES, PICTURE_DPI, WINDOW_DPI, FILM_DPI = (7.5, 4.775), 200, 147, 112
 
 
 class ColourBar(NamedTuple):
-    """A quantity, its colours, and left, bottom, width and height of the bar in the figure."""
+    """A quantity and its colours."""
 
     quantity: str
     scale: Normalize
-    box: tuple[float, float, float, float]
     colours: Colormap | str = SCALE
 
 
@@ -123,24 +119,16 @@ def annotate(
 ) -> None:
     """Write a title at the upper left and a legend at the lower left, and draw a colour bar."""
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 3}
-    wrapped = textwrap.fill(title, int(_LETTERS_PER_INCH * figure.get_figwidth()))
-    figure.text(0.02, 0.97, wrapped, fontsize=10, va="top", bbox=box if title else None)
+    figure.text(0.02, 0.97, title, fontsize=10, va="top", bbox=box if title else None, wrap=True)
     style = {"loc": "lower left", "fontsize": 8, "framealpha": 0.85, "edgecolor": "none"}
     figure.legend(handles=dots(legend), handletextpad=0.2, **style)
     if bar is not None and bar.quantity:
-        left, low, width, height = bar.box
-        label, lies = bar.quantity, width > height
-        if lies:
-            low *= SIZE_INCHES[1] / figure.get_figheight()
-        else:  # there is room at its right for the label
-            left = 1 - (1 - left) * SIZE_INCHES[0] / figure.get_figwidth()
-            label = textwrap.fill(label, int(_SMALL_PER_INCH * height * figure.get_figheight()))
         drawn = figure.colorbar(
             ScalarMappable(bar.scale, bar.colours),
-            cax=figure.add_axes((left, low, width, height)),
-            orientation="horizontal" if lies else "vertical",
+            cax=figure.add_axes((0.34, 0.41 / figure.get_figheight(), 0.4, 0.022)),
+            orientation="horizontal",
             extend="both" if isinstance(bar.scale, LogNorm) else "max",
             format="{x:g}",
         )
-        drawn.set_label(label, fontsize=9)
+        drawn.set_label(bar.quantity, fontsize=9)
         drawn.ax.tick_params(labelsize=8)

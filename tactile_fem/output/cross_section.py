@@ -15,7 +15,7 @@ from tactile_fem.output.section import gap_of
 from tactile_fem.path.rotations import between, swept, to_body
 from tactile_fem.results.histories import at_time, turns_at
 from tactile_fem.results.results import Results
-from tactile_fem.stimulus.sampled import DistanceGrid, height_map
+from tactile_fem.stimulus.sampled import height_map
 from tactile_fem.stimulus.spline import linear_between
 
 if TYPE_CHECKING:
@@ -118,7 +118,9 @@ def _half_way_up(results: Results, x: Array, y: Array) -> Array:
         height = height_map(body, x[::_COARSER], y[::_COARSER])
         gap = gap_of(body)
     else:
-        height, gap = _tops(grid), grid.gap
+        z = grid.origin_mm[2] + grid.step_mm * np.arange(len(grid.gap_mm))
+        height = np.where(grid.gap_mm < 0, z[:, None, None], z[0]).max(axis=0)
+        gap = grid.gap
     deepest_mm = max(float(results.trace["depth_mm"].max()), 0.0)
     highest = float(height.max())
     lowest = max(float(height.min()), highest - deepest_mm)
@@ -126,14 +128,3 @@ def _half_way_up(results: Results, x: Array, y: Array) -> Array:
         return np.full((len(x), len(y)), -1.0)
     places = np.stack(np.meshgrid(x, y, [(highest + lowest) / 2], indexing="ij"), -1)
     return -gap(places.reshape(-1, 3)).reshape(len(x), len(y))
-
-
-def _tops(grid: DistanceGrid) -> Array:
-    """Return the height of the surface along the vertical lines of a grid, (Y, X)."""
-    gap, layers = grid.gap_mm, len(grid.gap_mm)
-    below = layers - 1 - np.argmax(gap[::-1] < 0, axis=0)
-    above = np.minimum(below + 1, layers - 1)
-    here, there = (np.take_along_axis(gap, k[None], 0)[0] for k in (below, above))
-    share = np.where(there > here, -here / np.where(there > here, there - here, 1.0), 0.0)
-    height = grid.origin_mm[2] + grid.step_mm * (below + np.clip(share, 0.0, 1.0))
-    return np.where((gap < 0).any(axis=0), height, grid.origin_mm[2])

@@ -62,7 +62,15 @@ def felt(histories: Sequence[Felt], over: Abscissa, beneath: CrossSectionMap) ->
         high = max(one.values.max(initial=1e-12) for one in own)
         one_axes.set(ylim=(1.08 * low, 1.08 * high), ylabel=textwrap.fill(label, wide))
     if x_mm is not None:
-        _draw_passing(axes[-1], histories, over, inside, x_mm, heights[-1])
+        draw_outline(axes[-1], over.at(over.columns_s(_COLUMNS)), x_mm, inside)
+        for one in histories:
+            axes[-1].axhline(one.place_mm[0], color=one.colour, lw=1, ls=(0, (4, 3)), zorder=1)
+        low, high = float(x_mm[0]), float(x_mm[-1])
+        if over.is_to_scale:  # only as much as fits
+            shown = min(high - low, heights[-1] / _WIDTH * float(np.ptp(over.ends)))
+            low = min(max(low, histories[0].place_mm[0] - shown / 2), high - shown)
+            high = low + shown
+        axes[-1].set(ylim=(high, low), ylabel="X (mm)")
     if len(histories) > 1:
         legend_above(axes)
     return figure
@@ -99,23 +107,3 @@ def _height(over: Abscissa, inside: Array, x_mm: Array) -> float:
     if not over.is_to_scale or np.array_equal(raised.any(axis=0), raised.all(axis=0)):
         return _LOW
     return _WIDTH * float(np.ptp(x_mm) / np.ptp(over.ends))
-
-
-def _draw_passing(
-    axes: Axes,
-    histories: Sequence[Felt],
-    over: Abscissa,
-    inside: Array,
-    x_mm: Array,
-    height: float,
-) -> None:
-    """Draw the outline and the ways of the receptors; to scale only as much of it as fits."""
-    draw_outline(axes, over.at(over.columns_s(_COLUMNS)), x_mm, inside)
-    for one in histories:
-        axes.axhline(one.place_mm[0], color=one.colour, lw=1, ls=(0, (4, 3)), zorder=1)
-    low, high = float(x_mm[0]), float(x_mm[-1])
-    if over.is_to_scale:
-        shown = min(high - low, height / _WIDTH * float(np.ptp(over.ends)))
-        low = min(max(low, histories[0].place_mm[0] - shown / 2), high - shown)
-        high = low + shown
-    axes.set(ylim=(high, low), ylabel="X (mm)")

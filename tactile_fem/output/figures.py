@@ -67,9 +67,8 @@ def draw_plots(results: Results) -> list[Path]:
     if len(over.values) > 1:
         beneath, trains = CrossSectionMap.of(results), trains_of(results)
         figures["felt" if results.study.afferents else "sed"] = _felt(results, over, beneath)
-        figures |= {"raster": raster(trains, over, beneath)}
-        figures |= {"firing": firing(trains, over, beneath)}
-        figures |= {"snapshots": snapshots(trains, over, beneath)}
+        kinds = {"raster": raster, "firing": firing, "snapshots": snapshots}
+        figures |= {name: kind(trains, over, beneath) for name, kind in kinds.items()}
         figures["measured"] = measured(results, over)
     results.figures.mkdir(exist_ok=True)
     drawn = {results.figures / f"{name}.png": figure for name, figure in figures.items() if figure}

@@ -31,8 +31,6 @@ Array = NDArray[np.floating]
 FRAMES_PER_STATE, FRAMES_PER_PERIOD = 4, 24
 # Largest amplitude of a vibration as drawn.
 _LARGEST_AMPLITUDE_MM = 0.6
-# The strongest frame has the largest value at this percentile of the soft tissue.
-_TOP_PERCENTILE = 99.8
 _ROUNDING_S, _LEAST_DEG = 1e-9, 0.05
 
 
@@ -119,12 +117,11 @@ class Film:
         return cls(mesh, still, still[..., 0], one, place, at, [""], stimulator_rad=turn)
 
     @classmethod
-    def of_scan(cls, results: Results, show: str = "sed", limits: Limits | None = None) -> Film:
+    def of_scan(cls, results: Results, show: str = "sed") -> Film:
         """Return the saved states of a scan, and frames between them that are linear in time.
 
-        They show a quantity by its name, see `tactile_fem.output.quantities`, in colours between
-        two limits, by default those of all states. Field files that are missing or cannot be read
-        and an unknown quantity raise StudyError.
+        They show a quantity by its name, see `tactile_fem.output.quantities`. Field files that are
+        missing or cannot be read and an unknown quantity raise StudyError.
         """
         written_s, files = read_series(results.fields)
         if not files:
@@ -132,26 +129,21 @@ class Film:
         first, trace = FieldState.read(files[0]), results.trace
         mesh, used = _drawn_mesh(first.nodes, first.cells, first.tissue)
         shown = quantity_of(show, columns_of(first), f"the fields in {results.fields}")
-        if limits is not None and shown.categories:
-            raise StudyError(
-                f"{show} has no limits: its colours are {', '.join(shown.categories)}."
-            )
         on_nodes = shown.column in first.of_nodes
         fields = []
         for state in map(FieldState.read, counted(files, "saved states to read")):
             values = shown.of(columns_of(state, shown.column)[shown.column])
-            moved = state.of_nodes["displacement_mm"][used]
-            fields.append((moved, values[used] if on_nodes else values))
+            values = values[used] if on_nodes else values
+            fields.append((state.of_nodes["displacement_mm"][used], values))
         moved, values = (np.array(arrays) for arrays in zip(*fields, strict=True))
         states = np.arange(len(files))
         frames = np.arange(FRAMES_PER_STATE * states[-1] + 1) / FRAMES_PER_STATE
         weights = np.array([np.interp(frames, states, one) for one in np.eye(len(files))]).T
         times = weights @ written_s
         soft = values if on_nodes else values[:, is_soft(mesh.tissue)]
-        share = 100.0 if shown.is_on_skin else _TOP_PERCENTILE
-        sizes = np.percentile(np.abs(soft), share, axis=1)
-        if shown.categories:
-            sizes = soft.mean(axis=1)
+        sizes = [np.abs(shown.limits(one[None])).max() for one in soft]
+        if shown.is_on_skin:
+            sizes = np.abs(soft).mean(axis=1)
         places, turns = at_time(trace, "stimulator_mm", times).T, turns_at(trace, times)
         if joint := results.study.joint:
             angles = at_time(trace, "bone_rad", times)
@@ -166,7 +158,7 @@ class Film:
             titles=titles_of(trace, times),
             label=TIME,
             shown=shown,
-            limits=limits or shown.limits(soft),
+            limits=shown.limits(soft),
             strongest=FRAMES_PER_STATE * int(np.argmax(sizes)),
             receptors_mm=trace["receptors_mm"]
             + np.moveaxis(at_time(trace, "moved_mm", times), -1, 0),
@@ -243,20 +235,17 @@ def _drawn_mesh(
 def titles_of(trace: Mapping[str, NDArray[Any]], at_s: ArrayLike) -> list[str]:
     """Return the titles of frames: phase, time, displacement where there is any, and depth."""
     over, times_s = Abscissa.of(trace), np.asarray(at_s)
-    phases = over.phases
     slid, deep = (at_time(trace, name, times_s) for name in ("displacement_mm", "depth_mm"))
     turns = turns_at(trace, times_s)
-    turned = [""] * len(times_s)
-    if turns is not None:
-        angles = np.degrees(np.linalg.norm(turns, axis=1))
-        turned = [f", turned {angle:.1f}°" if angle >= _LEAST_DEG else "" for angle in angles]
-    ends = np.array([phase.end for phase in phases]) / over.per_s
+    angles = 0 * times_s if turns is None else np.degrees(np.linalg.norm(turns, axis=1))
     titles = []
-    for time, slid_mm, deep_mm, turn in zip(times_s, slid, deep, turned, strict=True):
-        k = min(int(np.searchsorted(ends, time - _ROUNDING_S)), len(phases) - 1)
+    for time, slid_mm, deep_mm, angle in zip(times_s, slid, deep, angles, strict=True):
+        at = over.per_s * (time - _ROUNDING_S)
+        phases = [phase for phase in over.phases if phase.end >= at] or over.phases[-1:]
+        name = f"{phases[0].name.capitalize()}, " if phases else ""
         across = f"displacement {slid_mm:.2f} mm, " if np.ptp(trace["displacement_mm"]) else ""
-        name = f"{phases[k].name.capitalize()}, " if phases else ""
-        titles.append(f"{name}{time:.3f} s: {across}depth {deep_mm:.2f} mm{turn}")
+        turned = f", turned {angle:.1f}°" if angle >= _LEAST_DEG else ""
+        titles.append(f"{name}{time:.3f} s: {across}depth {deep_mm:.2f} mm{turned}")
     return titles
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -22,7 +21,6 @@ Array = NDArray[np.float64]
 # What exceeds this share of the largest value is shown, with a margin.
 _SHOWN_SHARE, _MARGIN_MM = 0.02, 1.0
 _AXES_INCHES = 4.4
-_COLOURS = 256
 
 
 @styled
@@ -30,22 +28,17 @@ def surface_map(surface: SurfaceFields, show: str = "sed_kPa", title: str = "") 
     """Draw a column of `SurfaceFields.table`, or a quantity, over the undeformed places.
 
     Y is to the right. Only the lower side of the closed surface is drawn. Of a section, values are
-    drawn over Y or X. By default the title states time and displacement.
-
-    Raises
-    ------
-    StudyError
-        There is no such column.
+    drawn over Y or X. By default the title states time and displacement. StudyError if there is no
+    such column.
     """
-    places = {
-        f"{axis.lower()}_mm": own for axis, own in zip(AXES, surface.points_mm.T, strict=True)
-    }
-    columns = {**places, **surface.columns}
+    columns = {f"{AXES[k].lower()}_mm": own for k, own in enumerate(surface.points_mm.T)}
+    columns |= surface.columns
     quantity = quantity_of(show, columns, "the surface")
     values, facets = quantity.of(columns[quantity.column]), surface.facets[faces_down(surface)]
     draw = _draw_line if facets.shape[1] == 2 else _draw_map
     figure = draw(surface, values, facets, quantity)
-    figure.axes[0].set_title(title or _state(surface), size=9, wrap=True)
+    state = f"{1000 * surface.time_s:.0f} ms, displacement {surface.at_mm:.2f} mm"
+    figure.axes[0].set_title(title or state, size=9, wrap=True)
     return figure
 
 
@@ -80,23 +73,14 @@ def _draw_map(surface: SurfaceFields, values: Array, facets: Indices, of: Quanti
         axes.add_collection(PolyCollection(parts, facecolors=colours, edgecolors="face", lw=0.2))
         figure.legend(handles=dots(of.categories), loc="outside right center", fontsize=8)
     else:
-        low, high = values[used].min(), values[used].max()
-        levels = np.linspace(low, high if high > low else low + 1.0, _COLOURS)
-        if low < 0 < high:
-            levels = np.linspace(-max(-low, high), max(-low, high), _COLOURS)
-        limits = float(levels[0]), float(levels[-1])
-        colours = of.colours(limits)
-        axes.tricontourf(Triangulation(y, x, facets), values, levels, cmap=colours)
-        scale = ScalarMappable(Normalize(*limits), colours)
-        bar = figure.colorbar(scale, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=of.label)
+        limits = of.limits(values[None, used])
+        style = {"cmap": of.colours(limits), "norm": Normalize(*limits), "shading": "gouraud"}
+        filled = axes.tripcolor(Triangulation(y, x, facets), values, **style)
+        bar = figure.colorbar(filled, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=of.label)
         bar.outline.set_visible(False)
     axes.set(xlabel="Y (mm)", ylabel="X (mm)", aspect="equal")
     axes.set(xlim=(left, right), ylim=(bottom, top))  # letters are upright
     return figure
-
-
-def _state(surface: SurfaceFields) -> str:
-    return f"{1000 * surface.time_s:.0f} ms, displacement {surface.at_mm:.2f} mm"
 
 
 def faces_down(surface: SurfaceFields) -> NDArray[np.bool_]:

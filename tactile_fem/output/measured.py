@@ -44,8 +44,6 @@ def measured(results: Results, over: Abscissa) -> Figure | None:
         style = {"ha": "right", "va": "top", "fontsize": 7.5}
         axes.text(0.99, 0.98, one.summary, transform=axes.transAxes, **style)
     legend_above(all_axes[:1])
-    names, rows = list(table), zip(*table.values(), strict=True)
-    write_table(
-        results.folder / "measured.csv", [dict(zip(names, row, strict=True)) for row in rows]
-    )
+    rows = [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)]
+    write_table(results.folder / "measured.csv", rows)
     return figure

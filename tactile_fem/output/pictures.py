@@ -86,8 +86,8 @@ def draw_pictures(results: Results, amplitude_mm: float | None = None) -> list[P
         logger.warning("%s", reason)
         return []
     logger.info("drawing 3-D pictures of the finger, which can take some minutes")
-    width_mm, dpi = in_print.get()
-    size = str(dpi or PICTURE_DPI), repr(width_mm or 0.0)
+    wanted = in_print.get()
+    size = str(wanted.dpi or PICTURE_DPI), repr(wanted.width_mm or 0.0)
     command = [sys.executable, "-m", _MODULE, str(results.folder), *size]
     command += [] if amplitude_mm is None else [repr(amplitude_mm)]
     try:
@@ -104,11 +104,8 @@ def draw_pictures(results: Results, amplitude_mm: float | None = None) -> list[P
         return []
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-        logger.warning(
-            "Drawing 3-D pictures ended with code %d (%s); the data are not affected.",
-            done.returncode,
-            last,
-        )
+        told = "Drawing 3-D pictures ended with code %d (%s); the data are not affected."
+        logger.warning(told, done.returncode, last)
     return [Path(line) for line in done.stdout.splitlines() if Path(line).is_file()]
 
 
@@ -172,12 +169,8 @@ def frames_of(results: Results, film: Film, look: Look, *, off_screen: bool = Tr
         return SectionScene(film, own.gap if own else gap_of(results.study.stimulus.body()))
     from tactile_fem.output import scene
 
-    kinds = {
-        "receptors": scene.receptor_scene,
-        "deformation": scene.deformation_scene,
-        "vibration": scene.vibration_scene,
-    }
-    return kinds[look](results, film, off_screen=off_screen)
+    kinds = {"receptors": scene.receptor_scene, "vibration": scene.vibration_scene}
+    return kinds.get(look, scene.deformation_scene)(results, film, off_screen=off_screen)
 
 
 def choose_states(

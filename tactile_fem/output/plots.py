@@ -70,19 +70,14 @@ def force_figure(
     columns = [(trace["depth_mm"], pressed), (over.values, slice(None))]
     if len(pressed) == 1 < len(trace["time_s"]):
         del columns[0]
-    ratios = {
-        "height_ratios": [2, *[1] * (len(panels) - 1)],
-        "width_ratios": [1, 2][-len(columns) :],
-    }
-    grid = figure.subplots(
-        len(panels), len(columns), sharex="col", sharey="row", gridspec_kw=ratios, squeeze=False
-    )
+    high, wide = [2, 1, 1][: len(panels)], [1, 2][-len(columns) :]
+    style = {"sharex": "col", "sharey": "row", "height_ratios": high, "width_ratios": wide}
+    grid = figure.subplots(len(panels), len(columns), squeeze=False, **style)
     for (at, rows), all_axes in zip(columns, grid.T, strict=True):
         for axes, histories in zip(all_axes, panels, strict=True):
             for values, colour, label in histories:
-                axes.plot(
-                    at[rows], values[rows], color=colour, label=label, lw=1.6 if label else 1.2
-                )
+                style = {"color": colour, "label": label, "lw": 1.6 if label else 1.2}
+                axes.plot(at[rows], values[rows], **style)
         if friction is not None:
             all_axes[1].axhline(friction, color=GREEN, lw=1, ls=(0, (4, 3)), label=bound)
     if len(columns) > 1:

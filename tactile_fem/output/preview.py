@@ -16,7 +16,6 @@ from tactile_fem.finger.mesh_data import FingerMesh
 from tactile_fem.finger.simplex import Triangles
 from tactile_fem.output.annotations import COLOURS, ShownFigure, dots, legend_of
 from tactile_fem.output.film import Film
-from tactile_fem.output.panels import page_inches
 from tactile_fem.output.pictures import prepare_drawing
 from tactile_fem.output.section import SectionScene, gap_of
 from tactile_fem.path import Path
@@ -35,9 +34,6 @@ Extent = tuple[float, float, float, float]
 
 # Dots per inch on a screen; a file may have more.
 _SIZE_INCHES, _DPI, _PIXELS = (11.5, 5.2), 80, (1050, 1050)
-# Pictures are beside each other on a page as wide.
-_LEAST_BESIDE_INCHES = 7.0
-_ABOVE_EACH_OTHER = (0.05, 0.54, 0.9, 0.43), (0.16, 0.1, 0.8, 0.39)
 # Shown around the path of the contact point, from above.
 _MARGIN_MM = 11.0
 _PATH_COLOUR = "#C8553D"
@@ -85,27 +81,19 @@ def preview_figure(finger: FingerMesh, body: RigidBody, path: Path) -> Figure:
 
     places, turns = path.places_mm(), path.turns_rad()
     surface = scene.body_surface(body, places, turns if turns.any() else None)
-    (width, height), left, right = _SIZE_INCHES, (0.0, 0.1, 0.5, 0.82), (0.56, 0.16, 0.42, 0.74)
-    if page_inches() < _LEAST_BESIDE_INCHES:  # then one is above the other
-        width, height, left, right = page_inches(), 2 * page_inches(), *_ABOVE_EACH_OTHER
-    figure = ShownFigure(figsize=(width, height), dpi=_DPI)
+    figure = ShownFigure(figsize=_SIZE_INCHES, dpi=_DPI)
     side = scene.shot(scene.Scene(film, surface, scene.WHOLE).plotter, *_PIXELS)
-    _show(figure, left, side, "Where it starts, cut at X = 0")
+    _show(figure, (0.0, 0.1, 0.5, 0.82), side, "Where it starts, cut at X = 0")
     contact = to_body(np.zeros((1, 3)), places, turns)[:, 0, :2]
     rim = finger.nodes[ConvexHull(finger.nodes[:, :2]).vertices] * [1.0, 1.0, 0.0]
-    _draw_from_above(figure, right, film.in_body(rim, 0)[:, :2], surface, contact)
-    legend = dots(legend_of(COLOURS))
-    style = {"ncols": max(1, int(width / 1.4)), "frameon": False, "fontsize": 8}
-    figure.legend(handles=legend, loc="lower left", **style)
+    _draw_from_above(figure, film.in_body(rim, 0)[:, :2], surface, contact)
+    style = {"loc": "lower left", "ncols": 6, "frameon": False, "fontsize": 8}
+    figure.legend(handles=dots(legend_of(COLOURS)), **style)
     return figure
 
 
 def _draw_from_above(
-    figure: Figure,
-    box: Extent,
-    rim: NDArray[np.float64],
-    surface: pv.PolyData,
-    path: NDArray[np.float64],
+    figure: Figure, rim: NDArray[np.float64], surface: pv.PolyData, path: NDArray[np.float64]
 ) -> None:
     """Draw the heights of a body, the finger's rim and the path of the contact point over it.
 
@@ -121,7 +109,7 @@ def _draw_from_above(
     scene.look_at(plotter, (0.0, 0.0, 100.0), (x, y, 0.0), half, up=(0.0, 1.0, 0.0))
     above, extent = scene.shot(plotter, *_PIXELS), (x - half, x + half, y - half, y + half)
     title = "From above: path of the contact point"
-    axes = _show(figure, box, above, title, extent)
+    axes = _show(figure, (0.56, 0.16, 0.42, 0.74), above, title, extent)
     outline = np.vstack([rim, rim[:1]])
     axes.plot(*outline.T, "k--", lw=0.8, label="finger")
     axes.plot(*path.T, color=_PATH_COLOUR, lw=1.5, label="contact point")
@@ -151,11 +139,7 @@ def surfaces_figure(surfaces: Mapping[str, Triangles], place_mm: Sequence[float]
 
 
 def _show(
-    figure: Figure,
-    box: Extent,
-    image: NDArray[np.uint8],
-    title: str,
-    extent: Extent | None = None,
+    figure: Figure, box: Extent, image: NDArray[np.uint8], title: str, extent: Extent | None = None
 ) -> Axes:
     """Show an image in a box of the figure, with axes if its extent in mm is given."""
     axes = figure.add_axes(box)

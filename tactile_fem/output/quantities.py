@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from matplotlib import colormaps
@@ -55,8 +56,8 @@ class Quantity:
         lows, highs = np.percentile(values, shares, axis=1)
         low, high = float(lows.min()), float(highs.max())
         if self.least is not None:
-            return self.least, max(high, self.least + 1e-6)
-        if low < 0 < high:
+            low = self.least
+        elif low < 0 < high:
             low, high = -max(-low, high), max(-low, high)
         return low, max(high, low + 1e-6)
 
@@ -75,8 +76,7 @@ class Quantity:
         return found.with_extremes(under=COLOURS["stratum_corneum"]) if self.is_on_skin else found
 
 
-def _length(vectors: Array) -> Array:
-    return np.linalg.norm(vectors, axis=-1)
+_length = partial(np.linalg.norm, axis=-1)
 
 
 def _von_mises(stress: Array) -> Array:
@@ -85,6 +85,7 @@ def _von_mises(stress: Array) -> Array:
     return np.sqrt(apart / 2 + 3 * np.square(shear).sum(axis=0))
 
 
+_CONTACT = {"no contact": COLOURS["stratum_corneum"], "sticks": BLUE, "slips": VERMILION}
 QUANTITIES = {
     "sed": Quantity("Strain energy density (kPa)", "sed_kPa", is_log=True),
     "displacement": Quantity("Displacement (mm)", "displacement_mm", _length),
@@ -92,33 +93,23 @@ QUANTITIES = {
     "von_mises": Quantity("Von Mises stress (kPa)", "stress_kPa", _von_mises),
     "pressure": Quantity("Contact pressure (kPa)", "contact_pressure_kPa"),
     "friction": Quantity("Friction (kPa)", "friction_kPa", _length),
-    "slip": Quantity(
-        "Contact",
-        "contact",
-        categories={"no contact": COLOURS["stratum_corneum"], "sticks": BLUE, "slips": VERMILION},
-    ),
+    "slip": Quantity("Contact", "contact", categories=_CONTACT),
 }
 
 
 def quantity_of(name: str, columns: Mapping[str, Array], of: str) -> Quantity:
     """Return a quantity by its name, or that of a column of fields or of one of its components.
 
-    Raises
-    ------
-    StudyError
-        There is none, `of` what.
+    StudyError says that there is none, `of` what.
     """
     known = {key: one for key, one in QUANTITIES.items() if one.column in columns}
     if name.lower() in known:
         return known[name.lower()]
     for column, values in columns.items():
-        if name == column and values.ndim == 1:
-            own = (one for one in known.values() if one.column == column)
-            return next(own, Quantity(_label(name), column, least=None))
-        if name in components({column: values}):
-            return Quantity(
-                _label(name), column, lambda v: components({column: v})[name], least=None
-            )
+        if name in components({column: values}):  # or the column itself, if it has no components
+            own = (one for one in known.values() if one.column == name)
+            component = partial(_component, column, name)
+            return next(own, Quantity(_label(name), column, component, least=None))
     choices = ", ".join([*components(columns), *known])
     raise StudyError(f"{name} is no column of {of}: choose {choices}.")
 
@@ -131,12 +122,13 @@ def around_corners(values: Array, facets: NDArray[np.integer]) -> Array:
     """
     at = values[facets]
     after, before = ((at + np.roll(at, shift, axis=1)) / 2 for shift in (-1, 1))
-    if facets.shape[1] == 2:
-        parts = np.stack([at, after], axis=2)
-    else:
-        middle = np.broadcast_to(at.mean(axis=1, keepdims=True), at.shape)
-        parts = np.stack([at, after, middle, before], axis=2)
-    return parts.reshape(-1, *parts.shape[2:])
+    middle = np.broadcast_to(at.mean(axis=1, keepdims=True), at.shape)
+    corners = [at, after] if facets.shape[1] == 2 else [at, after, middle, before]
+    return np.stack(corners, axis=2).reshape(-1, len(corners), *values.shape[1:])
+
+
+def _component(column: str, name: str, values: Array) -> Array:
+    return components({column: values})[name]
 
 
 def _label(column: str) -> str:

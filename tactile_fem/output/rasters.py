@@ -72,15 +72,9 @@ class Line:
                 return cls(axis, round(float(other[0]), 9))
         return None
 
-    def points(self, rows_mm: Array) -> Array:
-        """Return the points (n, 2) of some rows."""
-        points = np.full((len(rows_mm), 2), self.beside_mm)
-        points[:, self.axis] = rows_mm
-        return points
-
-    def label(self, name: str = "Receptor position") -> str:
+    def label(self, name: str) -> str:
         """Return the name of the rows."""
-        return f"{name}, {'XY'[self.axis]} (mm)"
+        return f"{name or 'Receptor position'}, {'XY'[self.axis]} (mm)"
 
     def limits(self, rows_mm: Array) -> tuple[float, float]:
         """Return the limits of the rows; X decreases upwards, so that letters are upright."""
@@ -178,12 +172,10 @@ def raster(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap) -
     are an image of their firing rate.
     """
     lines: dict[tuple[Line, str], list[Trains]] = {}
-    spread: list[Trains] = []
     at = [Line.of(one.places_mm) for one in trains]
+    spread = [one for one, line in zip(trains, at, strict=True) if line is None]
     for one, line in zip(trains, at, strict=True):
-        if line is None:
-            spread.append(one)
-        else:
+        if line is not None:
             name = one.name if at.count(line) > _MOST_SHARED else ""
             lines.setdefault((line, name), []).append(one)
     rows = [np.concatenate([_rows(line, t) for t in own]) for (line, _), own in lines.items()]
@@ -195,7 +187,7 @@ def raster(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap) -
     figure, axes = panels(heights, over, width, right=right, top=top)
     for one_axes, ((line, name), own) in zip(axes, lines.items(), strict=False):
         _draw_line(one_axes, line, own, over, beneath)
-        one_axes.set_ylabel(line.label(name) if name else line.label())
+        one_axes.set_ylabel(line.label(name))
     if len(spread) == 1:
         _draw_spread(axes[-1], spread[0], over, named=len(trains) > 1)
     elif spread:
@@ -222,7 +214,7 @@ def firing(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap) -
     for one_axes, (line, one), own in zip(axes, shown, rows, strict=True):
         _draw_outline(one_axes, line, own, over, beneath, colour="white")
         one_axes.set_ylim(*line.limits(own))
-        one_axes.set_ylabel(line.label(one.name) if len(trains) > 1 else line.label())
+        one_axes.set_ylabel(line.label(one.name if len(trains) > 1 else ""))
     return figure
 
 
@@ -264,19 +256,19 @@ def _draw_bands(axes: Axes, trains: Sequence[Trains], over: Abscissa) -> None:
 def _draw_spread(axes: Axes, one: Trains, over: Abscissa, *, named: bool) -> None:
     """Draw receptors in the order of X, then Y: dots, or the image of very many receptors."""
     order = np.lexsort((one.places_mm[:, 1], one.places_mm[:, 0]))
-    axes.set_ylim(len(order) - 0.5, -0.5)
-    if len(order) > _MOST_ROWS:
+    count, x = len(order), one.places_mm[order, 0]
+    axes.set_ylim(count - 0.5, -0.5)
+    if count > _MOST_ROWS:
         ordered = one._replace(response=one.response.of(order))
-        _draw_rates([axes], [ordered], [np.arange(len(order))], over)
+        _draw_rates([axes], [ordered], [np.arange(count)], over)
     else:
         _draw_spikes(axes, one, over, np.argsort(order))
-    x = one.places_mm[order, 0]
     ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(x[0], x[-1])
     ticks = ticks[(ticks >= x[0] - 1e-9) & (ticks <= x[-1] + 1e-9)]
     sides = [np.searchsorted(x, ticks + shift) for shift in (-1e-9, 1e-9)]
     axes.set_yticks((sides[0] + sides[1] - 1) / 2, [Formatter.fix_minus(f"{x:g}") for x in ticks])
-    who = f"{one.name}, {len(order)} receptors" if named else f"{len(order)} receptors"
-    axes.set_ylabel(f"{who} by X (mm), then Y")
+    who = f"{one.name}, " if named else ""
+    axes.set_ylabel(f"{who}{count} receptors by X (mm), then Y")
 
 
 def _draw_spikes(axes: Axes, one: Trains, over: Abscissa, rows: Array) -> None:
@@ -307,9 +299,10 @@ def _draw_outline(
     colour: str | None = None,
 ) -> None:
     fine = np.linspace(rows.min() - _MARGIN_MM, rows.max() + _MARGIN_MM, _OUTLINE_ROWS)
+    points = np.full((len(fine), 2), line.beside_mm)
+    points[:, line.axis] = fine
     times = over.columns_s(_OUTLINE_COLUMNS)
-    inside = beneath.under(line.points(fine), times)
-    draw_outline(axes, over.at(times), fine, inside, colour=colour)
+    draw_outline(axes, over.at(times), fine, beneath.under(points, times), colour=colour)
 
 
 def _draw_rates(

@@ -105,7 +105,6 @@ class Scene:
         self.plotter = new_plotter(off_screen=off_screen)
         look_at(self.plotter, look.towards_eye, look.focus, look.half_height_mm)
         self._updates: list[Callable[[int], None]] = []
-        self._rims: list[str] = []
         # The faces first: hidden shells are then not shaded, which takes most of the time.
         for tissue, kind, mesh in sorted(_cut(film, look), key=lambda piece: piece[1]):
             if on_skin and tissue not in RIGID:
@@ -121,18 +120,13 @@ class Scene:
             self.add("skin", _skin(film), lighting=False, below_color=COLOURS["stratum_corneum"])
             self._bring_forward("skin", 1)
         if stimulator.n_points:
-            drawn = stimulator.copy()
-
-            def place(k: int) -> None:
-                drawn.points = film.in_space(stimulator.points, k)
-                if (turn := film.turn_rad(k)) is not None:
-                    normals = stimulator.point_data.active_normals
-                    # In place, as the plotter draws a shallow copy.
-                    drawn.point_data.active_normals[:] = normals @ matrix(turn).T
-
-            self._add("stimulator", drawn, place, **RELIEF, opacity=0.5 if on_skin else 1.0)
-            if on_skin or not coloured:
-                self._add_outline(stimulator)
+            self._add_body("stimulator", stimulator, **RELIEF, opacity=0.5 if on_skin else 1.0)
+            low, high = stimulator.bounds[-2:]
+            # At half its height; it is seen through the finger.
+            outline = stimulator.contour([(low + high) / 2], scalars="height_mm")
+            if (on_skin or not coloured) and high - low > _LEAST_RELIEF_MM and outline.n_points:
+                self._add_body("outline", outline, color="black", line_width=_RIM_WIDTH)
+                self._bring_forward("outline", 2)
 
     def add(self, name: str, mesh: pv.PolyData, **style: Any) -> None:
         """Add a mesh that moves with the film; without a colour it shows the values of the film."""
@@ -149,9 +143,8 @@ class Scene:
 
         log = self.bar is not None and isinstance(self.bar.scale, LogNorm)
         if "color" not in style and self.bar is not None:
-            scale, colours = self.bar.scale, self.bar.colours
-            style |= {"scalars": "values", "cmap": colours, "clim": (scale.vmin, scale.vmax)}
-            style["log_scale"] = log
+            ends = self.bar.scale.vmin, self.bar.scale.vmax
+            style |= {"scalars": "values", "cmap": self.bar.colours, "clim": ends, "log_scale": log}
         self._add(name, drawn, move, **style)
 
     def add_rim(self, name: str, mesh: pv.PolyData) -> None:
@@ -160,22 +153,18 @@ class Scene:
         eye = np.array(self.look.towards_eye)
         shifted = edges.translate(_RIM_SHIFT_MM * eye / np.linalg.norm(eye))
         self.add(name, shifted, color="black", line_width=_RIM_WIDTH)
-        self._rims.append(name)
 
-    def _add_outline(self, stimulator: pv.PolyData) -> None:
-        """Add the outline of the body at half its height, which is seen through the finger."""
-        low, high = stimulator.bounds[-2:]
-        outline = stimulator.contour([(low + high) / 2], scalars="height_mm")
-        if high - low < _LEAST_RELIEF_MM or not outline.n_points:
-            return
-        drawn = outline.copy()
+    def _add_body(self, name: str, mesh: pv.PolyData, **style: Any) -> None:
+        """Add a part of the body."""
+        drawn, normals = mesh.copy(), mesh.point_data.active_normals
 
         def place(k: int) -> None:
-            drawn.points = self.film.in_space(outline.points, k)
+            drawn.points = self.film.in_space(mesh.points, k)
+            if normals is not None and (turn := self.film.turn_rad(k)) is not None:
+                # In place, as the plotter draws a shallow copy.
+                drawn.point_data.active_normals[:] = normals @ matrix(turn).T
 
-        self._add("outline", drawn, place, color="black", line_width=_RIM_WIDTH)
-        self._rims.append("outline")
-        self._bring_forward("outline", 2)
+        self._add(name, drawn, place, **style)
 
     def _bring_forward(self, name: str, layer: int) -> None:
         """Draw something before all of lower layers, however far behind it is."""
@@ -224,8 +213,8 @@ class Scene:
     def figure(self, k: int, dots_per_inch: float = PICTURE_DPI) -> Figure:
         """Return frame `k` with title, legend, colour bar and scale bar."""
         size, dots_per_inch = in_print.get().layout(SIZE_INCHES, dots_per_inch)
-        for name in self._rims:
-            self.plotter.actors[name].prop.line_width = _RIM_WIDTH * dots_per_inch / PICTURE_DPI
+        for actor in self.plotter.actors.values():
+            actor.prop.line_width = _RIM_WIDTH * dots_per_inch / PICTURE_DPI
         self.show(k)
         figure = Figure(figsize=size, dpi=dots_per_inch)
         # Exactly as large, as resampling takes half as long as drawing.
@@ -240,13 +229,11 @@ class Scene:
 
 def deformation_scene(results: Results, film: Film, *, off_screen: bool = True) -> Scene:
     """Return the finger coloured by the film: cut along X = 0, or its skin from beneath."""
-    shown = film.shown
-    assert shown is not None
-    look, coloured = (BENEATH, "skin") if shown.is_on_skin else (CLOSE, "face")
-    bar = _bar(film, (0.3, 0.085, 0.4, 0.022))
-    surface = stimulator_surface(results)
+    assert film.shown is not None
+    look, coloured = (BENEATH, "skin") if film.shown.is_on_skin else (CLOSE, "face")
+    surface, bar = stimulator_surface(results), _bar(film)
     scene = Scene(film, surface, look, bar, (coloured,), off_screen=off_screen)
-    scene.legend |= shown.categories
+    scene.legend |= film.shown.categories
     return scene
 
 
@@ -261,8 +248,7 @@ def receptor_scene(results: Results, film: Film, *, off_screen: bool = True) -> 
     look = Look("y", (0.0, cut, 0.0), (9.0, 27.5, 20.4), (0.0, cut + 0.5, 3.6), 9.6)
     front = surface.clip("y", origin=look.origin, invert=False).clip("z", origin=(0.0, 0.0, rim))
     top = max(float(np.percentile(front["values"], 99.8, axis=0).max()), 1e-6)
-    title = "Strain energy density on the interface (kPa)"
-    bar = ColourBar(title, Normalize(0.0, top), (0.87, 0.52, 0.018, 0.38))
+    bar = ColourBar("SED on the interface (kPa)", Normalize(0.0, top))
     scene = Scene(film, stimulator_surface(results), look, bar, off_screen=off_screen)
     scene.add("interface", front, lighting=False)
     scene.add_rim("interface rim", front)
@@ -272,15 +258,15 @@ def receptor_scene(results: Results, film: Film, *, off_screen: bool = True) -> 
 
 def vibration_scene(results: Results, film: Film, *, off_screen: bool = True) -> Scene:
     """Return the vibrating finger cut along X = 0, coloured by the amplitude."""
-    bar, surface = _bar(film, (0.87, 0.52, 0.018, 0.38)), stimulator_surface(results)
-    return Scene(film, surface, WHOLE, bar, ("face", "shell"), off_screen=off_screen)
+    surface, coloured = stimulator_surface(results), ("face", "shell")
+    return Scene(film, surface, WHOLE, _bar(film), coloured, off_screen=off_screen)
 
 
-def _bar(film: Film, box: tuple[float, float, float, float]) -> ColourBar:
+def _bar(film: Film) -> ColourBar:
     assert film.shown is not None
     shown, scale = film.shown, film.shown.scale(film.limits)
     label = "" if shown.categories else shown.label  # these are in the legend
-    return ColourBar(label, scale, box, shown.colours(film.limits))
+    return ColourBar(label, scale, shown.colours(film.limits))
 
 
 # --- meshes ------------------------------------------------------------------------------------
@@ -298,9 +284,7 @@ def stimulator_surface(results: Results) -> pv.PolyData:
 
 
 def body_surface(
-    body: RigidBody,
-    places_mm: NDArray[np.float64],
-    turns_rad: NDArray[np.float64] | None = None,
+    body: RigidBody, places_mm: NDArray[np.float64], turns_rad: NDArray[np.float64] | None = None
 ) -> pv.PolyData:
     """Return that surface of a body that comes to places and turns (n, 3), as smooth as felt.
 

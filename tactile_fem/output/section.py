@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable
 
 import numpy as np
@@ -47,8 +46,8 @@ _MARGIN_MM, _MARGIN_BELOW_MM = 0.6, 1.5
 _SPACING_MM, _BODY_HEIGHTS_MM = (0.03, 0.0125), (-4.0, 1.0)
 # Fields are shown in the pad: half its width, and its height.
 _PAD_SIZE_MM = 9.0, 6.5
-# Of a title; of the legend, which is higher in a narrow figure, by a share of what that lacks.
-_LETTERS_PER_INCH, _COLUMN_INCHES, _MORE_ROWS = 10, 1.25, 0.25
+# Of the legend, which is higher in a narrow figure, by a share of what that lacks.
+_COLUMN_INCHES, _MORE_ROWS = 1.25, 0.25
 
 
 class SectionScene:
@@ -66,18 +65,18 @@ class SectionScene:
         self._skin = facets[(second < 0) & is_soft(film.mesh.tissue[first])]
         present = [name for name, tag in TISSUES.items() if np.any(film.mesh.tissue == tag)]
         self.legend = legend_of(present)
+        (left, low), (right, high) = self._nodes.min(axis=0), self._nodes.max(axis=0)
         if (shown := film.shown) is not None:
             if not shown.is_on_skin:
                 self.legend = legend_of(name for name in RIGID if name in present)
-            self.legend |= receptor_colours(self._population(), _RECEPTORS) | shown.categories
-        (left, low), (right, high) = self._nodes.min(axis=0), self._nodes.max(axis=0)
-        if film.shown is not None:
+            population = () if film.population is None else film.population
+            self.legend |= receptor_colours(population, _RECEPTORS) | shown.categories
             half_width, high = _PAD_SIZE_MM
             left, right = max(left, -half_width), min(right, half_width)
         self._x_limits = left - _MARGIN_MM, right + _MARGIN_MM
         self._z_limits = low - _MARGIN_BELOW_MM, high + _MARGIN_MM
-        shown = zip(self._x_limits, self._z_limits, strict=True)
-        corners = (self._plane.vectors(corner) for corner in shown)
+        box = zip(self._x_limits, self._z_limits, strict=True)
+        corners = (self._plane.vectors(corner) for corner in box)
         ends = swept(*corners, film.stimulator_mm, film.stimulator_rad)
         (left, low), (right, _) = map(self._plane.within, ends)
         lowest, highest = _BODY_HEIGHTS_MM
@@ -123,19 +122,15 @@ class SectionScene:
         if film.receptors_mm is not None:
             self._draw_receptors(axes, within(film.receptors_mm[k]), film.fired[k])
         axes.set(xlim=self._x_limits, ylim=self._z_limits, aspect="equal")
-        axes.set_title(textwrap.fill(film.titles[k], int(_LETTERS_PER_INCH * size[0])))
+        figure.suptitle(film.titles[k], wrap=True)  # also above the bar
         across, up = (f"{AXES[axis]} (mm)" for axis in self._plane.axes)
         axes.set(xlabel=across, ylabel=up)
         style = {"ncols": int(size[0] / _COLUMN_INCHES), "fontsize": 8}
         figure.legend(handles=dots(self.legend), loc="outside lower center", **style)
         return figure
 
-    def _population(self) -> NDArray[np.str_]:
-        """Return the name of the population of each receptor; of a vibration there is none."""
-        return np.array([""]) if self.film.population is None else self.film.population
-
     def _draw_receptors(self, axes: Axes, places: Array, fired: NDArray[np.bool_]) -> None:
-        population = self._population()
+        population = self.film.population
         names = list(dict.fromkeys(population.tolist()))
         colours = receptor_colours(population, _RECEPTORS)
         for name in names:

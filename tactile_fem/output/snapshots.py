@@ -39,49 +39,43 @@ def snapshots(trains: Sequence[Trains], over: Abscissa, beneath: CrossSectionMap
     if not spread:
         return None
     edges = over.columns_s(_MAPS + 1)
-    rates = [
-        np.array([one.response.mean_rate(*edges[k : k + 2].tolist()) for k in range(_MAPS)])
-        for one in spread
-    ]
+    parts = list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+    rates = [np.array([one.response.mean_rate(*part) for part in parts]) for one in spread]
     scale = Normalize(0.0, max(float(rate.max()) for rate in rates) or 1.0)
     columns = _MAPS if page_inches() > _LEAST_INCHES else _MAPS // 2
     wide = min(_MAP_INCHES, (page_inches() - _BESIDE_INCHES) / columns)
     rows = len(spread) * _MAPS // columns
-    high = _ABOVE_INCHES + wide * max(np.divide(*_sides_mm(one)) for one in spread)
+    sides_mm = [np.ptp(one.places_mm[:, :2], axis=0) + 2 * _MARGIN_MM for one in spread]
+    high = _ABOVE_INCHES + wide * max(np.divide(*sides) for sides in sides_mm)
     size = _BESIDE_INCHES + columns * wide, rows * high
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
     for maps, one, rate in zip(grid.reshape(len(spread), _MAPS), spread, rates, strict=True):
-        for k, axes in enumerate(maps):
+        for k, (axes, (start_s, end_s)) in enumerate(zip(maps, parts, strict=True)):
             _draw_map(axes, one, rate[k], scale, wide)
-            _draw_outline(axes, beneath, float(edges[k : k + 2].mean()))
-            axes.set_title(f"{_phase(over, edges[k : k + 2].mean())}{_interval(*edges[k : k + 2])}")
+            middle_s = (start_s + end_s) / 2
+            _draw_outline(axes, beneath, middle_s)
+            names = [of.name for of in over.phases if of.start <= over.at(middle_s) <= of.end]
+            name = f"{names[0]}\n" if names else ""
+            part = Formatter.fix_minus(f"{1000 * start_s:.0f} to {1000 * end_s:.0f} ms")
+            axes.set_title(name + part, fontsize=7.5)
             axes.tick_params(labelleft=k % columns == 0)
-        name = f"{one.name}, " if len(trains) > 1 else ""
-        maps[0].set(xlabel="Y (mm)", ylabel=f"{name}X (mm)")
-    for axes in grid.flat:
-        for text in (axes.title, axes.xaxis.label, axes.yaxis.label):
-            text.set_fontsize(7.5)
+        maps[0].set_xlabel("Y (mm)", fontsize=7.5)
+        maps[0].set_ylabel(f"{one.name}, X (mm)" if len(trains) > 1 else "X (mm)", fontsize=7.5)
     style = {"shrink": 0.9, "pad": 0.01, "aspect": 8 * size[1], "label": "Spikes/s"}
     bar = figure.colorbar(ScalarMappable(scale, _SCALE), ax=grid, **style)
     bar.outline.set_visible(False)
     return figure
 
 
-def _sides_mm(one: Trains) -> np.ndarray:
-    """Return how far receptors are spread in X and in Y, with a margin."""
-    return np.ptp(one.places_mm[:, :2], axis=0) + 2 * _MARGIN_MM
-
-
 def _draw_map(axes: Axes, one: Trains, rate: np.ndarray, scale: Normalize, wide: float) -> None:
-    x, y = one.places_mm[:, 0], one.places_mm[:, 1]
-    low, high = (np.array(ends) for ends in ((x.min(), y.min()), (x.max(), y.max())))
-    apart = np.median(cKDTree(one.places_mm[:, :2]).query(one.places_mm[:, :2], 2)[0][:, 1])
-    point = 72 * 0.8 * wide / _sides_mm(one)[1]
+    places = one.places_mm[:, :2]
+    low, high = places.min(axis=0) - _MARGIN_MM, places.max(axis=0) + _MARGIN_MM
+    apart = np.median(cKDTree(places).query(places, 2)[0][:, 1])
+    point = 72 * 0.8 * wide / (high - low)[1]
     dots = {"s": (0.9 * apart * point) ** 2, "marker": "s", "linewidths": 0}
-    axes.scatter(y, x, c=rate, cmap=_SCALE, norm=scale, **dots)
-    axes.set(xlim=(low[1] - _MARGIN_MM, high[1] + _MARGIN_MM), aspect="equal")
-    axes.set_ylim(high[0] + _MARGIN_MM, low[0] - _MARGIN_MM)  # letters are upright
+    axes.scatter(places[:, 1], places[:, 0], c=rate, cmap=_SCALE, norm=scale, **dots)
+    axes.set(xlim=(low[1], high[1]), ylim=(high[0], low[0]), aspect="equal")  # letters are upright
     axes.tick_params(labelsize=7)
 
 
@@ -91,12 +85,3 @@ def _draw_outline(axes: Axes, beneath: CrossSectionMap, time_s: float) -> None:
     points = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
     inside = beneath.under(points, np.array([time_s])).reshape(_FINE, _FINE)
     draw_outline(axes, y, x, inside, colour=VERMILION)
-
-
-def _phase(over: Abscissa, time_s: float) -> str:
-    names = [phase.name for phase in over.phases if phase.start <= over.at(time_s) <= phase.end]
-    return f"{names[0]}\n" if names else ""
-
-
-def _interval(start_s: float, end_s: float) -> str:
-    return Formatter.fix_minus(f"{1000 * start_s:.0f} to {1000 * end_s:.0f} ms")

@@ -18,13 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from tactile_fem.output.annotations import (
-    FILM_DPI,
-    PICTURE_DPI,
-    SIZE_INCHES,
-    WINDOW_DPI,
-    annotate,
-)
+from tactile_fem.output.annotations import FILM_DPI, PICTURE_DPI, SIZE_INCHES, WINDOW_DPI, annotate
 from tactile_fem.runtime.files import atomic_write, write_figure, write_text
 from tactile_fem.runtime.logs import counted
 

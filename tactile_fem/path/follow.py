@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -96,13 +97,11 @@ class Follow(Frame, _OfFile):
         """Return the motion, shifted to begin at the start."""
         recorded = self.recorded
         times, places = recorded.time_s - recorded.time_s[0], recorded.of(PLACES)
+        way = start_mm + (places - places[0])
         held, turns = self._held(recorded, times), self._turns(recorded)
         outputs = multiples(self.output_s or _OUTPUT_SHARE * times[-1], times[-1])
-
-        def place(t: float) -> Array:
-            return start_mm - places[0] + _at(t, times, places)
-
-        turn = None if turns is None else lambda t: _at(t, times, turns)
+        place = partial(_at, times, way)
+        turn = None if turns is None else partial(_at, times, turns)
         return Motion("follow", float(times[-1]), place, outputs, times, held=held, turn=turn)
 
     def _turns(self, recorded: Recording) -> Array | None:
@@ -131,13 +130,10 @@ class Follow(Frame, _OfFile):
                 f"protocol.path: fz_N in {self.file} goes down to {least_N:.3g} but is named in "
                 "hold: press first, and keep only the rows in contact."
             )
-
-        def at(t: float, start: Array) -> Array:
-            return _at(t, times, np.vstack([start, loads[1:]]))
-
-        return HeldLoads(tuple(k for k, name in enumerate(LOADS) if name in self.hold), at)
+        held = tuple(k for k, name in enumerate(LOADS) if name in self.hold)
+        return HeldLoads(held, lambda t, start: _at(times, np.vstack([start, loads[1:]]), t))
 
 
-def _at(t: float, times: Array, rows: Array) -> Array:
+def _at(times: Array, rows: Array, t: float) -> Array:
     """Return a row at a time, linear between those given, (columns,)."""
     return np.array([np.interp(t, times, column) for column in rows.T])

@@ -54,7 +54,8 @@ class Recording:
         """Return it with smooth places and loads, at times that need not be even.
 
         The P-spline (Eilers and Marx 1996) minimizes the integral of (y - f)^2 + (period / 2 pi)^4
-        f''^2: it halves a wave of the period, and keeps a straight line.
+        f''^2: it halves a wave of the period, and keeps a straight line; SciPy's smoothing spline,
+        with a knot at each sample, loses its digits where these are thousands to a period.
         """
         from scipy import interpolate, sparse  # takes a while
 
@@ -127,9 +128,7 @@ class Frame(Settings):
             z = recorded.of(["z_mm"])[:, 0] + 1e-9 * time_s  # rises also without z_mm
             levels = np.array([1, 4]) * (self.contact_N if at is None else np.nan)
             at_s = np.interp(levels, np.maximum.accumulate(force), time_s, np.nan, np.nan)
-            near, deep = np.interp(
-                at_s, time_s, z
-            )  # if force grows as depth squared, twice as deep
+            near, deep = np.interp(at_s, time_s, z)  # twice as deep if force is as depth squared
             at = float(np.interp(2 * near - deep, np.maximum.accumulate(z), time_s, np.nan, np.nan))
         if at is None:
             return recorded
@@ -165,13 +164,8 @@ class Frame(Settings):
 def read_recording(file: Path, start: str = "protocol.path") -> Recording:
     """Return what a CSV file holds, whose first line names its columns.
 
-    Messages begin with `start`, the key that names it.
-
-    Raises
-    ------
-    StudyError
-        It cannot be read, has other columns, less than two rows, a value that is no finite
-        number, or times that do not increase.
+    StudyError, beginning with `start`, the key that names it: it cannot be read, has other columns,
+    less than two rows, a value that is no finite number, or times that do not increase.
     """
     rows = read_rows(file, f"{start}: {file}")
     heading = rows[0][1] if rows else ["empty"]

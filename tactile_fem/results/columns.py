@@ -46,17 +46,10 @@ _ORIGIN = (0.0, 0.0, 0.0)
 OF_STEP = (
     Column("clock_s", _STEPS, "time since the start of the path"),
     Column("phase", _STEPS, "name of the piece of the path, such as `press` or `slide`", "rest"),
-    Column(
-        "displacement_mm", _STEPS, "length of the path across the finger; 0 during the indentation"
-    ),
+    Column("displacement_mm", _STEPS, "length of the path across the finger; 0 while indenting"),
     Column("depth_mm", _STEPS, "depth of the stimulator: Z of `stimulator_mm`"),
     Column("stimulator_mm", (*_STEPS, 3), "position of the stimulator", _ORIGIN),
-    Column(
-        "stimulator_rad",
-        (*_STEPS, 3),
-        "rotation vector of the stimulator about its origin, axis times angle",
-        _ORIGIN,
-    ),
+    Column("stimulator_rad", (*_STEPS, 3), "its rotation vector, axis times angle", _ORIGIN),
     Column("bone_rad", _STEPS, "angle of the bone about its joint; positive away from the pad"),
     Column("force_N", (*_STEPS, 3), "force of the stimulator on the finger", _ORIGIN),
     Column("moment_Nmm", (*_STEPS, 3), "moment of this force about the origin", _ORIGIN),
@@ -70,11 +63,7 @@ OF_STEP = (
         "dissipated by viscosity",
     ),
     Column("friction_mJ", _STEPS, "frictional heat in the step"),
-    Column(
-        "gap_error_mm",
-        _STEPS,
-        "distance of the skin from the surface that it presses, weighted with the pressure",
-    ),
+    Column("gap_error_mm", _STEPS, "distance of the skin from what it presses, by pressure"),
     Column(
         "traction_error",
         _STEPS,
@@ -92,27 +81,15 @@ FELT = (
     Column("sed_kPa", _BOTH, "strain energy density"),
     Column("von_mises_kPa", _BOTH, "von Mises stress"),
     Column("stretches", (*_BOTH, 3), "principal stretches, in increasing order"),
-    Column(
-        "stresses_kPa",
-        (*_BOTH, 3),
-        "principal Cauchy stresses, in increasing order, tension positive",
-    ),
+    Column("stresses_kPa", (*_BOTH, 3), "principal Cauchy stresses, likewise, tension positive"),
     Column("moved_mm", (*_BOTH, 3), "displacement of the receptors"),
 )
 
 # One value for each receptor.
 OF_RECEPTOR = (
-    Column(
-        "receptors_mm", (*_RECEPTORS, 3), "undeformed positions, one population after the other"
-    ),
-    Column(
-        "population",
-        _RECEPTORS,
-        "name of the population; `SA1` in a study without `[[afferents]]`",
-    ),
-    Column(
-        "directions", (*_RECEPTORS, 3), "preferred directions: unit vectors, tangent to the skin"
-    ),
+    Column("receptors_mm", (*_RECEPTORS, 3), "undeformed positions, population by population"),
+    Column("population", _RECEPTORS, "its name; `SA1` in a study without `[[afferents]]`"),
+    Column("directions", (*_RECEPTORS, 3), "preferred ones: unit vectors, tangent to the skin"),
 )
 
 TRACE = (

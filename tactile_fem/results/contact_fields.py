@@ -55,10 +55,8 @@ class SkinContact:
     @cached_property
     def on_skin(self) -> NDArray[np.bool_]:
         """Whether each node of the finger is one of the skin, (n,)."""
-        found = np.zeros(len(self._nodes), dtype=bool)
-        found[self._corners] = True
-        found[self._middles] = True
-        return found
+        own = np.concatenate([self._corners.ravel(), self._middles])
+        return np.isin(np.arange(len(self._nodes)), own)
 
     def fields(
         self, moved_mm: Array, pressure_N: Array, friction_N: Array, bound_N: Array
@@ -79,9 +77,9 @@ class SkinContact:
         ``contact`` (n,), see `Contact`.
         """
         area = vertex_areas(self._nodes + moved_mm, self._corners)
-        pressure, friction, bound = (
-            self._spread(self._hats(force), area) for force in (pressure_N, friction_N, bound_N)
-        )
+        per_mm2 = _KPA_PER_MPA / np.where(area > 0, area, np.inf)[:, None]
+        forces = pressure_N, friction_N, bound_N
+        pressure, friction, bound = (per_mm2 * self._hats(force) for force in forces)
         pressure, bound = (np.linalg.norm(values, axis=1) for values in (pressure, bound))
         for values in (pressure, friction, bound):
             # A middle has the mean of its edge's ends, as fields between corners are linear.
@@ -99,9 +97,6 @@ class SkinContact:
         for ends in self._sides.T:
             np.add.at(hats, ends, force_N[self._middles] / 2)
         return hats
-
-    def _spread(self, force_N: Array, area_mm2: Array) -> Array:
-        return _KPA_PER_MPA * force_N / np.where(area_mm2 > 0, area_mm2, np.inf)[:, None]
 
 
 def vertex_areas(nodes: Array, corners: NDArray[np.int64]) -> Array:

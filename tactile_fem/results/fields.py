@@ -45,13 +45,7 @@ class FieldState:
 
     @classmethod
     def read(cls, path: Path) -> FieldState:
-        """Return a saved state.
-
-        Raises
-        ------
-        StudyError
-            The file cannot be read, or is not that of a scan.
-        """
+        """Return a saved state; StudyError if the file cannot be read or is not that of a scan."""
         import meshio  # takes a while
 
         try:
@@ -137,12 +131,9 @@ def _name(number: int) -> str:
 
 
 def read_series(folder: Path) -> tuple[NDArray[np.float64], list[Path]]:
-    """Return times in s and files of the saved states; both empty if there are none.
+    """Return times in s and files of the saved states, both empty if there are none.
 
-    Raises
-    ------
-    StudyError
-        The series cannot be read.
+    StudyError if the series cannot be read.
     """
     path = folder / SERIES
     if not path.exists():

@@ -81,11 +81,7 @@ def choose_state(
     `displacement_mm` and `time_s` are those of the states that were kept, (states,). By the
     displacement alone, states from the end of the indentation on are preferred: before it the
     displacement is 0. With the distance `apart_mm` of kept states, the nearest displacement counts.
-
-    Raises
-    ------
-    StudyError
-        There is none, or several, as where the body holds and lifts; it has no subject.
+    StudyError, without a subject, if there is none or several, as where the body holds and lifts.
     """
     slid, times = np.asarray(displacement_mm, dtype=float), np.asarray(time_s, dtype=float)
     there = np.full(len(times), True)

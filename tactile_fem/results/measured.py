@@ -85,11 +85,7 @@ def compare(study: Study, trace: Mapping[str, NDArray[Any]]) -> list[Compared]:
 
     The first row is the start of the first piece that follows the file; else it, or the contact, is
     that of the path. Without a recording, or if the trace ends before two rows, there are none.
-
-    Raises
-    ------
-    StudyError
-        The recording cannot be read.
+    StudyError if the recording cannot be read.
     """
     file = study.output.measured
     if file is None:
@@ -105,12 +101,11 @@ def compare(study: Study, trace: Mapping[str, NDArray[Any]]) -> list[Compared]:
 
     forces, origins = trace["force_N"], trace["stimulator_mm"]
     torque_Nmm = moment_about(origins, forces, trace["moment_Nmm"])[:, 2]
-    places, loads = (
-        np.column_stack([np.interp(at_s, clock_s, column) for column in values.T])
-        for values in (origins, np.column_stack([forces, torque_Nmm]))
-    )
+    known = [*origins.T, *forces.T, torque_Nmm]
+    x, y, z, *loads = (np.interp(at_s, clock_s, column) for column in known)
     turns = np.degrees(between(trace["stimulator_rad"], clock_s, at_s))
-    here = _columns(np.hstack([places, turns, loads]), places[0])
+    values = np.column_stack([x, y, z, turns, *loads])
+    here = _columns(values, values[0])
     return [Compared(name, time_s, there[name], here[name]) for name in _free(study, recorded)]
 
 

@@ -25,13 +25,8 @@ ELSEWHERE = "choose another folder, or overwrite the scan in it"
 def earlier_scan(folder: Path | str, study: Study, *, overwrite: bool = False) -> Earlier:
     """Return the state of the study's scan that the folder holds already.
 
-    With `overwrite` it holds nothing that counts.
-
-    Raises
-    ------
-    StudyError
-        It holds the scan of another study or other files, cannot be written, or a file that the
-        study names has changed since that scan began.
+    With `overwrite` it holds nothing that counts. StudyError if it holds the scan of another study
+    or other files, cannot be written, or a file of the study has changed since that scan began.
     """
     results = Results(folder)
     there = None if overwrite else _study_of(results)

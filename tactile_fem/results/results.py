@@ -1,19 +1,6 @@
 """The results folder: what a scan writes and plots read.
 
-===================  =====================================================================
-``study.toml``       the resolved study
-``inputs/``          copies of the files that it names, and of its font
-``run.json``         versions, mesh, options, ranks, timings, status
-``trace.npz``        histories; while a scan runs, ``trace.rows`` has further rows
-``spikes.csv``       see `tactile_fem.results.columns`, as for ``trace.npz``
-``measured.csv``     what was recorded and what the model gave
-``checkpoint.npz``   the state to go on from
-``states/``          states that were kept, as ``checkpoint.npz``
-``stimulator.npz``   shape of an own body or a part, for pictures
-``fields/``          VTU files and ``deformation.pvd``, their index, for ParaView
-``figures/``         pictures
-``log.txt``          what was said on the way
-===================  =====================================================================
+Its files are listed in `demos/pages/reference/results.md`.
 """
 
 from __future__ import annotations
@@ -38,6 +25,7 @@ from tactile_fem.results.surfaces import SurfaceFields, interface_of, skin_of
 from tactile_fem.results.trace import Trace
 from tactile_fem.runtime import html
 from tactile_fem.runtime.files import atomic_write, write_arrays, write_text
+from tactile_fem.runtime.text import read_rows
 from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
@@ -193,13 +181,10 @@ class Results(Store):
     def spikes(self) -> Spikes:
         """Spikes of all receptors; none if not saved yet."""
         path = self.folder / "spikes.csv"
-        rows: list[list[str]] = []
+        rows = [row for _, row in read_rows(path, str(path))[1:]] if path.exists() else []
         try:
-            if path.exists():
-                with path.open(newline="", encoding="utf-8") as stream:
-                    rows = list(csv.reader(stream))[1:]
             values = np.array([row[:3] for row in rows], dtype=float).reshape(len(rows), 3)
-        except (OSError, ValueError, csv.Error):
+        except ValueError:
             columns = ",".join(Spikes._fields)
             raise StudyError(f"{path} cannot be read: its columns must be {columns}.") from None
         names = [row[3] if len(row) > 3 else DEFAULT_NAME for row in rows]
@@ -332,11 +317,7 @@ class Results(Store):
         return FieldState.read(files[number]), time_s, slid_mm
 
     def _number_of(
-        self,
-        rows: NDArray[np.intp],
-        at_mm: float | None,
-        at_s: float | None,
-        apart_mm: float = 0.0,
+        self, rows: NDArray[np.intp], at_mm: float | None, at_s: float | None, apart_mm: float = 0.0
     ) -> int:
         """Return which of the states that were kept at some rows of the trace is meant."""
         time_s, slid_mm = (self.trace[name][rows] for name in _PLACE)

@@ -75,16 +75,16 @@ class Store:
         folder = Path(folder)
         try:
             if folder.is_dir():
-                if _has_files(folder) and not overwrite:
+                files = (path for path in folder.rglob("*") if path.is_file())
+                if not overwrite and any(not path.name.startswith(".") for path in files):
                     raise StudyError(
                         f"The results folder {folder} is not empty: choose another one, or "
                         "overwrite the scan in it."
                     )
             elif folder.exists() or folder.is_symlink():
                 raise StudyError(f"The results folder {folder} is a file: choose another name.")
-            parent = folder.absolute()
-            while not parent.exists():
-                parent = parent.parent
+            above = [folder.absolute(), *folder.absolute().parents]
+            parent = next(path for path in above if path.exists())
             if not parent.is_dir():
                 raise StudyError(f"The results folder {folder} cannot be made: {parent} is a file.")
             if not os.access(parent, os.W_OK | os.X_OK):
@@ -216,8 +216,3 @@ def _with_rows(saved: dict[str, Array], records: Array) -> dict[str, Array]:
         return saved
     joined = {name: np.concatenate([saved[name], columns[name]]) for name in names}
     return {**saved, **joined, "time_s": joined["clock_s"] - records["indented_s"][-1]}
-
-
-def _has_files(folder: Path) -> bool:
-    """Return whether a folder has files other than hidden ones, also in its subfolders."""
-    return any(path.is_file() and not path.name.startswith(".") for path in folder.rglob("*"))

@@ -151,13 +151,7 @@ def components(columns: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def skin_of(state: FieldState, time_s: float, at_mm: float) -> SurfaceFields:
-    """Return the fields on the skin of a state.
-
-    Raises
-    ------
-    StudyError
-        A scan of an older version wrote it, without contact.
-    """
+    """Return the fields on the skin of a state; StudyError if an older version wrote no contact."""
     if "skin" not in state.of_nodes:
         raise StudyError(
             "The fields of this scan have no contact pressure, as an older version wrote them: "
@@ -174,13 +168,7 @@ def skin_of(state: FieldState, time_s: float, at_mm: float) -> SurfaceFields:
 def interface_of(
     state: FieldState, time_s: float, at_mm: float, side: str, other: str
 ) -> SurfaceFields:
-    """Return the fields of one tissue where it meets another.
-
-    Raises
-    ------
-    StudyError
-        There is no such tissue, or the two do not meet.
-    """
+    """Return the fields of one tissue where it meets another; StudyError if it does not."""
     for name in (side, other):
         if name not in TISSUES:
             raise StudyError(f"{name} is no tissue: choose among {', '.join(TISSUES)}.")
@@ -242,7 +230,8 @@ def _fields(
         if name != "skin"
     }
     columns["area_mm2"] = vertex_areas(nodes + moved, corners)[used]
-    F = _gradients(finger, moved, cell, corner)
+    at_corners = np.array([finger.simplex.gradients(at) for at in np.eye(finger.simplex.corners)])
+    F = _gradients(finger, moved, cell, at_corners[corner])
     columns["stretches"] = np.sqrt(np.linalg.eigvalsh(mean(np.swapaxes(F, 1, 2) @ F)))
     of_cells = dict(state.of_cells)
     if (touching := of_cells.pop("contact_area_mm2", None)) is not None:
@@ -256,28 +245,23 @@ def _fields(
 
 def columns_of(state: FieldState, column: str = "") -> dict[str, Array]:
     """Return the fields of nodes and cells by name; ``stretches`` (m, 3) are 1 if not asked for."""
-    fields = {**state.of_nodes, **state.of_cells}
-    stretches = _stretches(state) if column == "stretches" else np.ones((len(state.cells), 3))
+    fields, F = {**state.of_nodes, **state.of_cells}, np.tile(np.eye(3), (len(state.cells), 1, 1))
+    if column == "stretches":  # in the middles of the cells
+        finger = FingerMesh(state.nodes.astype(float), state.cells, state.tissue, *_NO_FACETS)
+        middle = np.full(finger.simplex.corners, 1 / finger.simplex.corners)
+        moved, every = state.of_nodes["displacement_mm"], np.arange(len(state.cells))
+        F = _gradients(finger, moved, every, finger.simplex.gradients(middle))
     others = {name: of for name, of in fields.items() if name not in ("skin", "contact_area_mm2")}
-    return {**others, "stretches": stretches}
+    return {**others, "stretches": np.sqrt(np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F))}
 
 
-def _stretches(state: FieldState) -> Array:
-    """Return the principal stretches in the middles of cells, (m, 3) in increasing order."""
-    nodes = state.nodes.astype(float)
-    finger = FingerMesh(nodes, state.cells, state.tissue, *_NO_FACETS)
-    shape, every = finger.simplex, np.arange(len(state.cells))
-    moved = state.of_nodes["displacement_mm"]
-    F = np.mean([_gradients(finger, moved, every, 0 * every + k) for k in range(shape.corners)], 0)
-    return np.sqrt(np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F))
+def _gradients(finger: FingerMesh, moved: Array, cell: Indices, local: Array) -> Array:
+    """Return the deformation gradients (k, 3, 3) of cells (k,), at a point of each.
 
-
-def _gradients(finger: FingerMesh, moved: Array, cell: Indices, corner: Indices) -> Array:
-    """Return the deformation gradient of cells at one of their corners each, (k, 3, 3)."""
-    shape, cells = finger.simplex, finger.cells[cell]
-    places, moved = (finger.plane.within(of)[cells].astype(float) for of in (finger.nodes, moved))
-    local = np.array([shape.gradients(weights) for weights in np.eye(shape.corners)])[corner]
-    J = np.einsum("cni,cnj->cij", places, local)
-    F = np.tile(np.eye(3), (len(cells), 1, 1))
-    F[:, : shape.dim, : shape.dim] += np.einsum("cni,cnj->cij", moved, local) @ np.linalg.inv(J)
+    `local` (k, nodes, dim) has the gradients of the shape functions there, or (nodes, dim) of all.
+    """
+    ends = finger.nodes, finger.nodes + moved
+    J, j = (np.swapaxes(finger.plane.within(x)[finger.cells[cell]], 1, 2) @ local for x in ends)
+    F, dim = np.tile(np.eye(3), (len(cell), 1, 1)), finger.simplex.dim
+    F[:, :dim, :dim] = j @ np.linalg.inv(J)
     return F

@@ -10,10 +10,10 @@ import os
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import lru_cache, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from tactile_fem.errors import StudyError
 
@@ -66,7 +66,8 @@ def write_arrays(path: Path, arrays: Mapping[str, ArrayLike], *, compressed: boo
         save(stream, **values)
 
 
-class Print(NamedTuple):
+@dataclass(frozen=True)
+class Print:
     """Width and dots per inch of figures; None: each figure's own."""
 
     width_mm: float | None = None
