@@ -88,7 +88,7 @@ def test_a_list_of_people_leaves_out_who_is_impossible(tmp_path, monkeypatch):
 )
 def test_passes_and_lessons_are_listed_too(words, count, tmp_path, monkeypatch):
     random_body = "tactile_fem.surrogate.reduce.random_scan"  # a second each
-    monkeypatch.setattr(random_body, lambda study, k: Member(f"lesson-{k}", study, {}))
+    monkeypatch.setattr(random_body, lambda s, k, kind="lesson": Member(f"{kind}-{k}", s, {}))
     assert main([*words, "--results", str(tmp_path / "series"), "--list"]) == 0
     rows = list(csv.DictReader((tmp_path / "series" / "scans.csv").open()))
     assert len({row["name"] for row in rows}) == count

@@ -158,6 +158,10 @@ def test_what_smoothing_removes_is_logged_and_not_compared(tmp_path, caplog):
 # --- wrong signs and other faults ---------------------------------------------------------------
 
 
+def without(name):
+    return {other: values for other, values in BODY.items() if other != name}
+
+
 @pytest.mark.parametrize(
     ("columns", "keys", "sentence"),
     [
@@ -184,7 +188,9 @@ def test_what_smoothing_removes_is_logged_and_not_compared(tmp_path, caplog):
             {**LAB, "contact_N": 0.2},
             r"and up to 0\.6 N: set contact_s, or contact_N to a",
         ),
-        (in_the_lab(), {**LAB, "contact_s": 3}, r"csv has no contact from 0 to 0\.3 s, and up to"),
+        (in_the_lab(), {**LAB, "contact_s": 3}, r"contact_s is 3 but must be within .* to 0\.3 s"),
+        (without("fz_N"), {"contact_N": 0.1}, r"no normal force, which contact_N needs"),
+        (without("z_mm"), {}, r"no column z_mm along Z, and hold no fz_N"),
         (in_the_lab(), {**LAB, "contact_s": 0.1, "contact_N": 0.1}, r"set contact_s, or contact_N"),
         ({**BODY, "rz_deg": TIME}, {"moves": "finger"}, r'with turns moves must be "body"'),
         (BODY, {"axes": ("z", "x", "y")}, r"with tz_Nmm the last of axes must be z or -z\.$"),

@@ -70,13 +70,6 @@ class Film:
     def __len__(self) -> int:
         return len(self.weights)
 
-    @property
-    def value_weights(self) -> Array:
-        """Weights of the values (frames, fields): categories are those of the nearest state."""
-        if self.shown is not None and self.shown.categories:
-            return np.eye(self.weights.shape[1])[self.weights.argmax(axis=1)]
-        return self.weights
-
     def nearest(self, value: float) -> int:
         """Return the number of the frame nearest to a value of `along`."""
         return int(np.argmin(np.abs(self.along - value)))
@@ -137,7 +130,8 @@ class Film:
             fields.append((state.of_nodes["displacement_mm"][used], values))
         moved, values = (np.array(arrays) for arrays in zip(*fields, strict=True))
         states = np.arange(len(files))
-        frames = np.arange(FRAMES_PER_STATE * states[-1] + 1) / FRAMES_PER_STATE
+        per_state = 1 if shown.categories else FRAMES_PER_STATE  # there is nothing between them
+        frames = np.arange(per_state * states[-1] + 1) / per_state
         weights = np.array([np.interp(frames, states, one) for one in np.eye(len(files))]).T
         times = weights @ written_s
         soft = values if on_nodes else values[:, is_soft(mesh.tissue)]
@@ -159,7 +153,7 @@ class Film:
             label=TIME,
             shown=shown,
             limits=shown.limits(soft),
-            strongest=FRAMES_PER_STATE * int(np.argmax(sizes)),
+            strongest=per_state * int(np.argmax(sizes)),
             receptors_mm=trace["receptors_mm"]
             + np.moveaxis(at_time(trace, "moved_mm", times), -1, 0),
             fired=_fired(results, times),

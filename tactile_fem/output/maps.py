@@ -19,7 +19,7 @@ from tactile_fem.results.surfaces import SurfaceFields
 Array = NDArray[np.float64]
 
 # What exceeds this share of the largest value is shown, with a margin.
-_SHOWN_SHARE, _MARGIN_MM = 0.02, 1.0
+_SHOWN_SHARE, _MARGIN_MM = 0.02, 0.5
 _AXES_INCHES = 4.4
 
 
@@ -61,7 +61,8 @@ def _draw_map(surface: SurfaceFields, values: Array, facets: Indices, of: Quanti
     x, y = surface.points_mm[:, 0], surface.points_mm[:, 1]
     used = np.unique(facets)
     size = np.abs(values[used])
-    shown = used[size >= _SHOWN_SHARE * size.max()]
+    is_shown = np.isin(facets, used[size >= _SHOWN_SHARE * size.max()])
+    shown = np.unique(facets[is_shown.any(axis=1)])  # with the facets around them
     left, right = y[shown].min() - _MARGIN_MM, y[shown].max() + _MARGIN_MM
     top, bottom = x[shown].min() - _MARGIN_MM, x[shown].max() + _MARGIN_MM
     height = _AXES_INCHES * (bottom - top) / (right - left)

@@ -78,7 +78,7 @@ class Look(NamedTuple):
 # The cut lies beside X = 0, where meshes have faces.
 _CUT_ORIGIN = (-1e-4, 0.0, 0.0)
 CLOSE = Look("x", _CUT_ORIGIN, (30.0, -9.0, 17.0), (0.0, 0.6, 2.2), 8.4)
-BENEATH = Look("x", (100.0, 0.0, 0.0), (14.0, -5.0, -30.0), (0.0, 0.0, 1.0), 8.4)
+BENEATH = Look("x", (100.0, 0.0, 0.0), (14.0, -5.0, -30.0), (0.0, 0.0, 1.0), 11.0)
 WHOLE = Look("x", _CUT_ORIGIN, (30.0, -9.0, 15.0), (0.0, 2.0, 3.8), 11.0)
 
 
@@ -100,8 +100,8 @@ class Scene:
         off_screen: bool = True,
     ) -> None:
         self.film, self.look, self.bar = film, look, bar
-        self.legend = legend_of(RIGID if coloured else COLOURS)
         on_skin = "skin" in coloured
+        self.legend = legend_of({} if on_skin else RIGID if coloured else COLOURS)
         self.plotter = new_plotter(off_screen=off_screen)
         look_at(self.plotter, look.towards_eye, look.focus, look.half_height_mm)
         self._updates: list[Callable[[int], None]] = []
@@ -138,7 +138,7 @@ class Scene:
             drawn.points = mesh.points + np.einsum("nfi,f->ni", moved, self.film.weights[k])
             if self.bar is not None and "values" in mesh.array_names:
                 values = mesh["values"].reshape(len(mesh["values"]), -1)  # of one field (n,)
-                now = values @ self.film.value_weights[k]
+                now = values @ self.film.weights[k]
                 drawn["values"] = np.maximum(now, self.bar.scale.vmin) if log else now
 
         log = self.bar is not None and isinstance(self.bar.scale, LogNorm)

@@ -102,7 +102,7 @@ class SectionScene:
         axes = figure.subplots()
         if (shown := film.shown) is not None:
             scale = ScalarMappable(shown.scale(film.limits), shown.colours(film.limits))
-            values = film.value_weights[k] @ film.values
+            values = film.weights[k] @ film.values
             if shown.is_on_skin:
                 parts = around_corners(nodes, self._skin)
                 own = scale.to_rgba(values[self._skin.ravel()])

@@ -133,6 +133,13 @@ class Frame(Settings):
         if at is None:
             return recorded
         if not time_s[0] <= at <= time_s[-1]:
+            within = f"within its times, {time_s[0]:g} to {time_s[-1]:g} s."
+            if self.contact_N is None:
+                raise StudyError(f"{where}: contact_s is {at:g} but must be {within}")
+            if "fz_N" not in recorded.names:
+                raise StudyError(
+                    f"{where} has no normal force, which contact_N needs: set contact_s, {within}"
+                )
             raise StudyError(
                 f"{where} has no contact from {time_s[0]:g} to {time_s[-1]:g} s, and up to "
                 f"{force.max():.3g} N: set contact_s, or contact_N to a quarter of that at most; "
