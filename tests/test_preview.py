@@ -28,6 +28,9 @@ def test_every_kind_of_stimulus_is_drawn(kind, tmp_path, capsys):
         settings += [w for key, value in keys.items() for w in ("--set", f"stimulus.{key}={value}")]
     if kind == "drawing":
         settings += ["--set", "stimulus.polygons=[[[-2, -1], [2, -1], [0, 2]]]"]
+    if kind == "heights":
+        (tmp_path / "own.py").write_text("def bowl(x, y):\n    return 0.002 * (x**2 + y**2)\n")
+        settings += ["--set", f"stimulus.z={tmp_path / 'own.py'}:bowl"]
     file = tmp_path / "preview.png"
     assert cli.main(["preview", *settings, "--output", str(file)]) == 0
     assert capsys.readouterr().out == f"Written to {file}\n"
