@@ -111,10 +111,10 @@ def predict(
 
     if wrong := [change for change in changes if not change.startswith(("stimulus.", "protocol."))]:
         raise StudyError(f'"{wrong[0]}" has no effect: finger and tissues are those of the fit.')
-    if not (fitted / "posterior.json").is_file():
-        raise StudyError(f"{fitted} is not the folder of a fit: it has no posterior.json.")
-    own, place = fitted / "study.toml", results or fitted / "predictions"
-    known = posterior.Posterior.load(fitted / "posterior.json", str(fitted / "posterior.json"))
+    own, saved = fitted / "study.toml", fitted / "posterior.json"
+    if not saved.is_file():
+        raise StudyError(f"{fitted} is not the folder of a fit: it has no {saved.name}.")
+    known, place = posterior.Posterior.load(saved, str(saved)), results or fitted / "predictions"
     finger, other = load_study(own), load_study(study or own, changes)
     speed = other.protocol.press_speed_mm_s
     with_mechanics("tactile_fem.calibration.model", ranks_)

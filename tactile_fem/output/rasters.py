@@ -52,6 +52,11 @@ class Trains(NamedTuple):
     places_mm: Array
     response: Response
 
+    @property
+    def order(self) -> NDArray[np.intp]:
+        """The receptors in the order of X, then Y, (receptors,)."""
+        return np.lexsort((self.places_mm[:, 1], self.places_mm[:, 0]))
+
 
 @dataclass(frozen=True)
 class Line:
@@ -244,9 +249,8 @@ def _draw_bands(axes: Axes, trains: Sequence[Trains], over: Abscissa) -> None:
     axes.set_ylim(ends[-1], 0.0)
     middles, names = (ends[1:] + ends[:-1]) / 2, []
     for one, count, middle, band in zip(trains, counts, middles, np.diff(ends), strict=True):
-        order = np.lexsort((one.places_mm[:, 1], one.places_mm[:, 0]))
         axes.axhspan(middle - band / 2, middle + band / 2, color=one.colour, alpha=0.1, lw=0)
-        _draw_spikes(axes, one, over, middle - (count - 1) / 2 + np.argsort(order))
+        _draw_spikes(axes, one, over, middle - (count - 1) / 2 + np.argsort(one.order))
         names.append(f"{one.name}: {count}\n{one.response.counts().sum()} spikes")
     for label, one in zip(axes.set_yticks(middles, names), trains, strict=True):
         label.label1.set_color(one.colour)
@@ -255,7 +259,7 @@ def _draw_bands(axes: Axes, trains: Sequence[Trains], over: Abscissa) -> None:
 
 def _draw_spread(axes: Axes, one: Trains, over: Abscissa, *, named: bool) -> None:
     """Draw receptors in the order of X, then Y: dots, or the image of very many receptors."""
-    order = np.lexsort((one.places_mm[:, 1], one.places_mm[:, 0]))
+    order = one.order
     count, x = len(order), one.places_mm[order, 0]
     axes.set_ylim(count - 0.5, -0.5)
     if count > _MOST_ROWS:

@@ -71,7 +71,7 @@ class Follow(Frame, _OfFile):
                 f'deep: change moves, which is "{self.moves}", if z_mm has the wrong sign; set '
                 "contact_N or contact_s if it is not 0 at the first touch."
             )
-        if not is_turned and "z_mm" not in recorded.names and "fz_N" not in self.hold:
+        if not (is_turned or "z_mm" in recorded.names or "fz_N" in self.hold):
             raise StudyError(
                 f"protocol.path: {self.file} has no column z_mm along Z, and hold no fz_N: the "
                 "body would never press the finger."

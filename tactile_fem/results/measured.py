@@ -118,8 +118,9 @@ def _columns(values: Array, first: Array) -> dict[str, Array]:
 
 def _read(study: Study, file: Any) -> tuple[Recording, float]:
     """Return the recording in the body's frame, and the time in it at which its path starts."""
-    for piece in _followed(study):
-        return piece.recorded, float(piece.recorded.time_s[0])
+    if followed := _followed(study):
+        found = followed[0].recorded  # read and smoothed once
+        return found, float(found.time_s[0])
     found = (study.output.measured_frame or Frame()).read(file, _KEY)
     return found, found.contact_s if np.isfinite(found.contact_s) else float(found.time_s[0])
 

@@ -34,6 +34,12 @@ _given: dict[str, Any] = {}  # functions of scripts
 class Code(str):
     """A function or class: ``/folder/module.py:name``, or a script's, its name and hash."""
 
+    @property
+    def file(self) -> Path | None:
+        """The file that defines it; None for a script's."""
+        path = self.rpartition(":")[0]
+        return Path(path) if path else None
+
     def moved(self, change: Callable[[str], str]) -> Self:
         """Return the same in another file."""
         path, _, name = self.rpartition(":")
@@ -41,12 +47,12 @@ class Code(str):
 
     def load(self, key: str = "", also: type | tuple[()] = ()) -> Any:
         """Return the function or class, or an instance of `also`; `key` begins a StudyError."""
-        path, _, name = self.rpartition(":")
-        if self not in _given and not Path(path).is_file():
-            why = "there is no such file" if path else "it is known where its script runs"
+        file, name = self.file, self.rpartition(":")[2]
+        if not (file.is_file() if file else self in _given):
+            why = "there is no such file" if file else "it is known where its script runs"
             raise StudyError(f"{key}{self}: {why}")
         with self.running(key):
-            found = getattr(_module(path, Path(path).read_bytes()), name) if path else _given[self]
+            found = getattr(_module(str(file), file.read_bytes()), name) if file else _given[self]
         if not callable(found) and not isinstance(found, also):
             raise StudyError(f"{key}{self} is a {type(found).__name__}, no function or class")
         return found

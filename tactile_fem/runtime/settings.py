@@ -88,14 +88,16 @@ class Settings(BaseModel):
 
     def files(self) -> dict[str, Path]:
         """Return the files that it is read from, by their keys."""
-        found = {key: value for key, value in self if isinstance(value, Path)}
+        found = {}
         for key, value in self:
+            if isinstance(value, Path):
+                found[key] = value
             if isinstance(value, Settings):
                 found |= {f"{key}.{own}": file for own, file in value.files().items()}
             for k, one in enumerate(value if isinstance(value, tuple) else (value,)):
-                if isinstance(one, Code) and ":" in one:
+                if isinstance(one, Code) and one.file:
                     entry = f" (entry {k + 1})" if isinstance(value, tuple) else ""
-                    found[f"{key}{entry}"] = Path(one.rpartition(":")[0])
+                    found[f"{key}{entry}"] = one.file
         return found
 
     def _repr_html_(self) -> str:
