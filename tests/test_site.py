@@ -70,16 +70,22 @@ def visit(page: Any, address: str) -> None:
     assert page.eval_on_selector_all("img", missing) == []
 
 
+def follow(page: Any, link: Any) -> None:
+    """Click a link, and wait for the page it leads to: a count of elements does not wait."""
+    with page.expect_navigation():
+        link.click()
+
+
 def test_the_start_page_shows_pictures_and_leads_on(site, page):
     visit(page, f"{site}/index.html")
     assert page.locator("article img").count() >= 2
-    page.locator("header").get_by_text("Gallery").first.click()
+    follow(page, page.locator("header").get_by_text("Gallery").first)
     assert page.locator(".sphx-glr-thumbcontainer").count() >= 10
 
 
 def test_a_script_of_the_gallery_has_a_picture_and_a_download(site, page):
     visit(page, f"{site}/gallery/index.html")
-    page.locator(".sphx-glr-thumbcontainer a").first.click()
+    follow(page, page.locator(".sphx-glr-thumbcontainer a").first)
     assert page.locator("article img").count() >= 1
     links = page.locator(".sphx-glr-download a")
     names = [links.nth(number).get_attribute("href") for number in range(links.count())]
@@ -96,7 +102,7 @@ def test_the_search_finds_a_function(site, page):
 def test_the_reference_states_parameters_and_shows_the_source(site, page):
     visit(page, f"{site}/reference/generated/tactile_fem.scan.html")
     assert "Results folder" in page.locator("dl.field-list").first.inner_text()
-    page.get_by_text("[source]").first.click()
+    follow(page, page.get_by_text("[source]").first)
     assert "def scan(" in page.locator("pre").first.inner_text()
 
 
