@@ -11,10 +11,12 @@ from sphere_on_block import DEPTHS, PRESS_AND_SLIDE, TWO_TISSUES, follow, sphere
 
 from dolfinx import fem  # isort: skip
 from mpi4py import MPI  # isort: skip
+from petsc4py import PETSc  # isort: skip
 
 from blocks import LAYERS, block_mesh
 
 from tactile_fem.mechanics.domain import NodeOrder, create_domain
+from tactile_fem.solvers import multigrid
 from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers.lagging import Lagging
 
@@ -30,11 +32,11 @@ STRICT = {
 }
 
 
-def iterations(comm=MPI.COMM_WORLD, count: int = 4, **petsc) -> float:
+def iterations(comm=MPI.COMM_WORLD, count: int = 4, places=PLACES, **petsc) -> float:
     """Press a ball into a layered block; return the linear iterations of a Newton iteration."""
     problem = sphere_on_block(comm=comm, count=count, petsc={**STRICT, **petsc})
     linear = newton = 0
-    for place in PLACES:
+    for place in places:
         report = problem.solve(np.array(place, dtype=float), 0.01)
         assert report.converged
         problem.accept()
@@ -64,6 +66,26 @@ def test_iterations_do_not_grow_with_the_mesh_and_lines_through_the_layers_are_w
     coarse, fine = (iterations(count=count) for count in (4, 7))
     assert fine < 1.2 * coarse
     assert iterations(count=7, mg_levels_pc_type="pbjacobi") > 2 * fine
+
+
+@pytest.mark.ranks
+@pytest.mark.usefixtures("always_set_up")
+def test_many_equations_of_the_coarse_level_are_aggregated_with_their_rigid_motions(monkeypatch):
+    """At a quarter more iterations than with factors, and far fewer than without the motions."""
+    press = {"count": 7, "places": PLACES[:2]}
+    factorized = iterations(**press)
+    monkeypatch.setattr(multigrid, "_MOST_TO_FACTORIZE", 0)
+    aggregated = iterations(**press)
+    assert factorized < aggregated < 1.4 * factorized
+    monkeypatch.setattr(PETSc.Mat, "setNearNullSpace", lambda self, space: None)
+    assert iterations(**press, mg_coarse_ksp_type="preonly") > 1.7 * aggregated
+
+
+@pytest.mark.parametrize(
+    ("vertices", "dim", "kind"), [(6_000, 3, "lu"), (7_000, 3, "gamg"), (20_000, 2, "lu")]
+)
+def test_few_equations_of_the_coarse_level_are_factorized(vertices, dim, kind):
+    assert multigrid.coarse_options(vertices, dim)["mg_coarse_pc_type"] == kind
 
 
 @pytest.mark.ranks

@@ -70,6 +70,7 @@ class CoarseOperator:
         self._values = np.zeros((len(pattern.indices), size, size))
         self.matrix = PETSc.Mat().create(columns.comm)
         self.matrix.setSizes([interpolation.getSizes()[1]] * 2)
+        self.matrix.setBlockSize(size)
         self.matrix.setType("aij")
         within = np.arange(size, dtype=np.int32)
         rows = np.repeat(nodes, np.diff(pattern.indptr))[:, None, None] * size + within[:, None]

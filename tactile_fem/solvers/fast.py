@@ -65,6 +65,10 @@ class FastSolver(StepSolver):
         # Around an inner solver (NGMRES, Anderson) the outer iteration solves nothing linear.
         has_inner = "npc_snes_type" in self.options
         uses_multigrid = self.options["pc_type"] == "mg" and not has_inner
+        if uses_multigrid:
+            msh = u.function_space.mesh
+            vertices, dim = msh.topology.index_map(0).size_global, msh.geometry.dim
+            self.options = {**multigrid.coarse_options(vertices, dim), **self.options}
         self.snes = self._newton()
         self._x, self._b = (fem_petsc.create_vector(u.function_space) for _ in range(2))
         self._near = NearSkin(problem.contact)

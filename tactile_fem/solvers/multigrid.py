@@ -1,14 +1,16 @@
-"""Two-level multigrid with a line smoother for the thin, stiff layers.
+"""Multigrid with a line smoother for the thin, stiff layers.
 
 P1 is the coarse space of P2. The smoother is block Jacobi with one block for every vertical line
 of nodes through the skin's layers and one for each node below. Point blocks would need ten times
 the iterations, because the stratum corneum is thin and a thousand times stiffer than the tissue
-below it.
+below it. The equations of P1 are factorized if they are few, and left to smoothed aggregation
+with the rigid motions of its aggregates if they are many.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 from petsc4py import PETSc
@@ -29,10 +31,52 @@ MULTIGRID_OPTIONS: dict[str, str | int | float | bool] = {
     "mg_levels_ksp_max_it": 3,
     "mg_levels_ksp_chebyshev_esteig": "0,0.1,0,1.1",
     "mg_levels_pc_type": "python",
+}
+_FACTORS: dict[str, str | int | float | bool] = {
     "mg_coarse_pc_type": "lu",
     "mg_coarse_pc_factor_mat_solver_type": "mumps",
     "mg_coarse_mat_mumps_icntl_24": 1,  # the held nodes' rows are empty
 }
+_AGGREGATION: dict[str, str | int | float | bool] = {
+    "mg_coarse_pc_type": "gamg",
+    "mg_coarse_ksp_type": "gmres",
+    "mg_coarse_ksp_rtol": 0.3,
+    "mg_coarse_ksp_max_it": 20,
+}
+# More equations of P1 in space than this are not factorized. Those of a plane always are.
+_MOST_TO_FACTORIZE = 20_000
+
+
+def coarse_options(vertices: int, dim: int) -> dict[str, str | int | float | bool]:
+    """Return the options of the coarse level of a mesh with so many vertices in `dim` axes."""
+    if dim == 3 and dim * vertices > _MOST_TO_FACTORIZE:
+        return _AGGREGATION
+    return {**_FACTORS, **({"mg_coarse_pc_precision": "single"} if _has_single() else {})}
+
+
+@cache
+def _has_single() -> bool:
+    """Return whether MUMPS factorizes in single precision here, in two thirds of the time."""
+    options, prefix = PETSc.Options(), "tactile_trial_"
+    options.setValue(f"{prefix}pc_precision", "single")
+    matrix = PETSc.Mat().createAIJ((1, 1), nnz=1, comm=PETSc.COMM_SELF)
+    matrix.setValue(0, 0, 1.0)
+    matrix.assemble()
+    pc = PETSc.PC().create(PETSc.COMM_SELF)
+    try:
+        pc.setOptionsPrefix(prefix)
+        pc.setType("lu")
+        pc.setFactorSolverType("mumps")
+        pc.setOperators(matrix)
+        pc.setFromOptions()
+        pc.setUp()
+    except PETSc.Error:
+        return False
+    finally:
+        pc.destroy()
+        matrix.destroy()
+        options.delValue(f"{prefix}pc_precision")
+    return True
 
 
 class TwoLevel:
@@ -83,6 +127,7 @@ class TwoLevel:
         pc.setMGLevels(2)
         pc.setMGInterpolation(1, interpolation)
         self._coarse = CoarseOperator(matrices, interpolation, jit_options)
+        self._coarse.matrix.setNearNullSpace(_rigid_motions(coarse))
         like = interpolation.createVecLeft()
         self._smoother = LineJacobi(lines, matrices, like, jit_options)
         smoother = pc.getMGSmoother(1)
@@ -119,3 +164,11 @@ class TwoLevel:
             pc.setReusePreconditioner(False)
             pc.setUp()
         self.is_set_up = True
+
+
+def _rigid_motions(space: fem.FunctionSpace) -> PETSc.NullSpace:
+    """Return the motions that aggregation has to represent."""
+    nodes, size = space.dofmap.index_map.size_local, space.dofmap.index_map_bs
+    places = space.tabulate_dof_coordinates()[:nodes, :size].ravel()
+    vector = PETSc.Vec().createWithArray(places, bsize=size, comm=space.mesh.comm)
+    return PETSc.NullSpace().createRigidBody(vector)
