@@ -25,6 +25,7 @@ from tactile_fem.neuron.membrane import Membrane, Variability
 from tactile_fem.neuron.response import Response
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
 from tactile_fem.neuron.transduction import Varied, held, transduction_of
+from tactile_fem.runtime.threads import on_one_core
 
 Array = NDArray[Any]
 
@@ -70,6 +71,7 @@ def respond(
     return fire(time, drive, neuron or Neuron(), units=units)
 
 
+@on_one_core()
 def fire(
     time: Array,
     drive: Array,

@@ -18,6 +18,7 @@ from tactile_fem import Path, RigidBody, Trace
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import STANDARD, Response, fire_all
 from tactile_fem.runtime.files import write_arrays
+from tactile_fem.runtime.threads import on_one_core
 from tactile_fem.study import Study
 from tactile_fem.surrogate.contact import (
     ACROSS,
@@ -295,6 +296,7 @@ class Loop:
         mirrors = mirror_of_view(), self._overview.mirror()
         self._mirrors = mirrors if finger.is_symmetric else (None, None)
 
+    @on_one_core()
     def step(self, place_mm: ArrayLike, dt_s: float) -> BodyState:
         """Move the bodies to a place, (3,) or (bodies, 3), within a time; return what is felt.
 
