@@ -7,6 +7,7 @@ import pytest
 from sphere_on_block import sphere_on_block
 
 from tactile_fem.solvers.finger_problem import FingerProblem
+from tactile_fem.solvers import multigrid
 from tactile_fem.study import Tissue
 
 PLACES = [(0, 0, 0.1), (0, 0, 0.2), (0, 0, 0.3), (0, -0.05, 0.3), (0, -0.1, 0.3), (0, -0.15, 0.3)]
@@ -27,8 +28,11 @@ def step(made: FingerProblem, place: tuple[float, float, float]) -> int:
 
 @pytest.mark.ranks
 @pytest.mark.parametrize("at", range(1, len(PLACES)))
-@pytest.mark.parametrize("linear", ["multigrid", "direct"])
-def test_what_is_restored_after_any_step_takes_the_same_iterations(at, linear):
+@pytest.mark.parametrize("linear", ["multigrid", "aggregated", "direct"])
+def test_what_is_restored_after_any_step_takes_the_same_iterations(at, linear, monkeypatch):
+    if linear == "aggregated":
+        monkeypatch.setattr(multigrid, "_MOST_TO_FACTORIZE", 0)
+        linear = "multigrid"
     made, other = problem(linear=linear), problem(linear=linear)
     for place in PLACES[:at]:
         step(made, place)

@@ -10,7 +10,6 @@ with the rigid motions of its aggregates if they are many.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 from typing import Any
 
 from petsc4py import PETSc
@@ -39,6 +38,7 @@ _FACTORS: dict[str, str | int | float | bool] = {
 }
 _AGGREGATION: dict[str, str | int | float | bool] = {
     "mg_coarse_pc_type": "gamg",
+    "mg_coarse_pc_gamg_reuse_interpolation": False,  # else a resumed scan would have another
     "mg_coarse_ksp_type": "gmres",
     "mg_coarse_ksp_rtol": 0.3,
     "mg_coarse_ksp_max_it": 20,
@@ -51,32 +51,7 @@ def coarse_options(vertices: int, dim: int) -> dict[str, str | int | float | boo
     """Return the options of the coarse level of a mesh with so many vertices in `dim` axes."""
     if dim == 3 and dim * vertices > _MOST_TO_FACTORIZE:
         return _AGGREGATION
-    return {**_FACTORS, **({"mg_coarse_pc_precision": "single"} if _has_single() else {})}
-
-
-@cache
-def _has_single() -> bool:
-    """Return whether MUMPS factorizes in single precision here, in two thirds of the time."""
-    options, prefix = PETSc.Options(), "tactile_trial_"
-    options.setValue(f"{prefix}pc_precision", "single")
-    matrix = PETSc.Mat().createAIJ((1, 1), nnz=1, comm=PETSc.COMM_SELF)
-    matrix.setValue(0, 0, 1.0)
-    matrix.assemble()
-    pc = PETSc.PC().create(PETSc.COMM_SELF)
-    try:
-        pc.setOptionsPrefix(prefix)
-        pc.setType("lu")
-        pc.setFactorSolverType("mumps")
-        pc.setOperators(matrix)
-        pc.setFromOptions()
-        pc.setUp()
-    except PETSc.Error:
-        return False
-    finally:
-        pc.destroy()
-        matrix.destroy()
-        options.delValue(f"{prefix}pc_precision")
-    return True
+    return _FACTORS
 
 
 class TwoLevel:
