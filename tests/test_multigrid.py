@@ -72,7 +72,8 @@ def test_iterations_do_not_grow_with_the_mesh_and_lines_through_the_layers_are_w
 @pytest.mark.usefixtures("always_set_up")
 def test_many_equations_of_the_coarse_level_are_aggregated_with_their_rigid_motions(monkeypatch):
     """At a quarter more iterations than with factors, and far fewer than without the motions."""
-    press = {"count": 7, "places": PLACES[:2]}
+    # At 1e-3 Newton's path still differs: 19, 25 or 30 iterations, 23 with each of them at 1e-6.
+    press = {"count": 7, "places": PLACES[:2], "ksp_rtol": 1e-6}
     factorized = iterations(**press)
     monkeypatch.setattr(multigrid, "_MOST_TO_FACTORIZE", 0)
     aggregated = iterations(**press)
