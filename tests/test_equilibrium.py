@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sphere_on_block import sphere_on_block
 
-from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.solvers import multigrid
+from tactile_fem.solvers.finger_problem import FingerProblem
 from tactile_fem.study import Tissue
 
 PLACES = [(0, 0, 0.1), (0, 0, 0.2), (0, 0, 0.3), (0, -0.05, 0.3), (0, -0.1, 0.3), (0, -0.15, 0.3)]
