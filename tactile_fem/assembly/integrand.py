@@ -62,6 +62,8 @@ class Integrand:
         Unknown and test function.
     is_symmetric
         Whether the derivative is symmetric.
+    has_tangent
+        Whether the derivative is wanted.
     jit_options
         DOLFINx's.
     entity_maps
@@ -79,7 +81,7 @@ class Integrand:
         For each rule: factors of the test function and its gradient, and their derivatives with
         respect to the unknown and its gradient.
     has_tangent
-        Whether it depends on the unknown; a dead load does not.
+        Whether it has a derivative: it is wanted, and is not that of a dead load.
     tested
         What of the test function's value (0) and gradient (1 and more) it contains.
     geometry, unknown, fields
@@ -100,6 +102,7 @@ class Integrand:
         v: ufl.Argument,
         *,
         is_symmetric: bool,
+        has_tangent: bool,
         jit_options: Mapping[str, Any],
         entity_maps: Sequence[mesh.EntityMap],
     ) -> None:
@@ -111,12 +114,13 @@ class Integrand:
         at = AtPoint(u, v)
         self.rules, sums = _by_rule(integrals, at)
         self._facet_points = self._points_of(at.operands, entity_maps)
-        is_symmetric = is_symmetric and at.tested == at.trial
+        trial = at.trial if has_tangent else range(0)
+        is_symmetric = is_symmetric and at.tested == trial
         work = [at.work(value) for value in sums]
-        moduli = [at.moduli(value, is_symmetric=is_symmetric) for value in sums if at.trial]
+        moduli = [at.moduli(value, is_symmetric=is_symmetric) for value in sums if trial]
         self.work = [PointFunction(f"work_{i}", value, at) for i, value in enumerate(work)]
         self.moduli = [PointFunction(f"moduli_{i}", value, at) for i, value in enumerate(moduli)]
-        self.tested, self.has_tangent = at.tested, bool(at.trial)
+        self.tested, self.has_tangent = at.tested, bool(trial)
         position = ufl.SpatialCoordinate(self.mesh)
         self.geometry, self.unknown = (
             CellField(Operand(OperandKind.VALUE, of), self.mesh) for of in (position, u)
@@ -136,8 +140,8 @@ class Integrand:
             WIDTH=sum(at.sizes()),
             TEST=at.tested.start,
             TESTS=len(at.tested),
-            TRIAL=at.trial.start,
-            TRIALS=len(at.trial),
+            TRIAL=trial.start,
+            TRIALS=len(trial),
             WORK=_braced(function.name for function in self.work),
             MODULI=_braced([function.name for function in self.moduli] or ["0"]),
         )

@@ -52,6 +52,8 @@ class VirtualWork:
         Unknown, a vector field of as many components as the mesh has dimensions, and test function.
     is_symmetric
         Whether the derivative is.
+    has_tangent
+        Whether the derivative is wanted; without it there is less to compile.
     jit_options
         DOLFINx's; by default those of `assembly.compile.jit_options` without flags.
     entity_maps
@@ -65,6 +67,7 @@ class VirtualWork:
         v: ufl.Argument,
         *,
         is_symmetric: bool = False,
+        has_tangent: bool = True,
         jit_options: Mapping[str, Any] | None = None,
         entity_maps: Sequence[mesh.EntityMap] = (),
     ) -> None:
@@ -81,7 +84,14 @@ class VirtualWork:
         rest = []
         for integrals in groups.values():
             try:
-                integrand = Integrand(integrals, u, v, is_symmetric=is_symmetric, **self._options)
+                integrand = Integrand(
+                    integrals,
+                    u,
+                    v,
+                    is_symmetric=is_symmetric,
+                    has_tangent=has_tangent,
+                    **self._options,
+                )
                 self._parts += [_Cells(integrand, *part) for part in integrand.parts()]
             except NotAtPointsError:
                 rest += integrals

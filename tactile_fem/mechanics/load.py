@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-
-from petsc4py import PETSc
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
-from dolfinx import common, fem
-from dolfinx.fem import petsc as fem_petsc
+from dolfinx import common, fem, la
+from ufl.core.expr import Expr
 
+from tactile_fem.assembly import VirtualWork
 from tactile_fem.mechanics.terms.contact import Contact
-from tactile_fem.mechanics.terms.term import Term
+
+if TYPE_CHECKING:
+    from tactile_fem.mechanics.problem import Problem
 
 # Skin that is nearer to the body than this touches it, as ink on the finger would. Less would
 # show the noise of the gap on coarse meshes, one or two micrometres.
@@ -97,62 +98,60 @@ class LoadCell:
 
     Parameters
     ----------
-    bulk, contact
-        The terms of the virtual work.
-    held
-        This rank's dofs (blocks) of the nodes that do not move.
-    bcs
-        All conditions on the displacement, also those on some components of a node.
+    problem
+        State, terms and conditions.
     """
 
-    def __init__(
-        self, bulk: Term, contact: Contact, held: np.ndarray, bcs: Sequence[fem.DirichletBC]
-    ) -> None:
-        self._obstacle, self._comm = contact.obstacle, bulk.tissues.domain.comm
-        self._state = state = bulk.tissues.state
+    def __init__(self, problem: Problem) -> None:
+        contact, tissues = problem.contact, problem.tissues
+        self._obstacle, self._comm = contact.obstacle, problem.domain.comm
+        self._state = state = problem.state
         dim = len(state.u)
         # Of the moment; a section has the one out of its plane.
         self._planes = ((1, 2), (2, 0), (0, 1)) if dim == 3 else ((0, 1),)
         self._splits = np.cumsum(2 * [dim, len(self._planes)])
-        V = state.u.function_space
-        owned = V.dofmap.index_map.size_local
+        nodes = state.u.function_space.dofmap.index_map
+        self._vector = la.vector(nodes, dim)
+        owned = nodes.size_local
         self._is_free = np.ones(owned, dtype=bool)
-        self._is_free[held[held < owned]] = False
+        self._is_free[problem.held[problem.held < owned]] = False
         self._may_move = np.ones(owned * dim, dtype=bool)
-        for bc in bcs:
+        for bc in problem.bcs:
             dofs, own = bc.dof_indices()
             self._may_move[dofs[:own]] = False
-        v = ufl.TestFunction(V)
+        v = problem.test
         pressure, friction, bound = (ufl.Form([]) for _ in range(3))
         for part in contact.parts:
             s_n, across = part.law.s_n, ufl.dot(self._obstacle.normal, v)
             pressure += s_n * across * part.ds
             friction += ufl.dot(part.law.s_t, v) * part.ds
             bound += part.law.coefficient(s_n) * s_n * across * part.ds
-        compile_ = self._obstacle.compile
-        self._pressure_form = compile_(pressure)
-        self._friction_form = compile_(friction)
         self._coefficient = contact.friction.uniform
-        self._bound_form = compile_(bound) if self._coefficient is None else None
-        self._bulk_form = compile_(bulk.residual(v))
-        W = fem.functionspace(bulk.tissues.domain.mesh, ("DG", 0, (_COUNT,)))
-        self._cell_rows = W.dofmap.list[:, 0]
-        self._integrals_form = compile_(_integrals(bulk, contact, ufl.TestFunction(W)))
+        forms = [pressure, friction] + ([bound] if self._coefficient is None else [])
+        self._of_contact = [problem.virtual_work(form, has_tangent=False) for form in forms]
+        self._of_bulk = problem.bulk_work
+        # Tested with a vector's components, as the nodes' basis functions add up to one.
+        volumes = (ufl.det(tissues.F) * v[0] + v[1]) * tissues.dx
+        self._energy, self._volumes = (
+            problem.virtual_work(form, has_tangent=False)
+            for form in (problem.bulk.stored(v[0]), volumes)
+        )
+        W = fem.functionspace(problem.domain.mesh, ("DG", 0, (4,)))
+        self._cell_rows, self._own_cells = W.dofmap.list[:, 0], W.dofmap.index_map.size_local
+        form = _of_skin(contact, tissues.area_stretch(), ufl.TestFunction(W))
+        self._skin_form = self._obstacle.compile(form)
 
     def read(self) -> Load:
         """Return the load at the present displacement, of all skin."""
         with common.Timer("tactile: load"):
             self._obstacle.evaluate_everywhere()
             self._obstacle.refresh()
-            pressure, friction, bulk = (
-                _nodal(form) for form in (self._pressure_form, self._friction_form, self._bulk_form)
-            )
-            if self._bound_form is None:
-                bound = float(self._coefficient.value) * pressure
-            else:
-                bound = _nodal(self._bound_form)
-            of_cells = _nodal(self._integrals_form)
-        integrals = [self._heat(friction)], of_cells.sum(axis=0)
+            pressure, friction, *bounds = map(self._nodal, self._of_contact)
+            bulk = self._nodal(self._of_bulk)
+            bound = bounds[0] if bounds else float(self._coefficient.value) * pressure
+            of_cells = fem.assemble_vector(self._skin_form).array.reshape(-1, 4)[: self._own_cells]
+            of_bulk = self._integrals(self._energy)[:1], self._integrals(self._volumes)[:2]
+        integrals = [self._heat(friction)], of_cells.sum(axis=0), *of_bulk
         here = [self._forces(pressure + friction, bulk), *integrals]
         whole = self._comm.allreduce(np.concatenate(here))
         force, moment, on_bone, moment_on_bone, residual = np.split(whole[:-8], self._splits)
@@ -174,8 +173,24 @@ class LoadCell:
             pressure,
             friction,
             bound,
-            of_cells[self._cell_rows[: len(of_cells)], 0],
+            of_cells[self._cell_rows[: self._own_cells], 0],
         )
+
+    def _nodal(self, work: VirtualWork) -> np.ndarray:
+        """Return a work's nodal forces on this rank's nodes, (nodes, components)."""
+        forces = self._assembled(work)
+        self._vector.scatter_reverse(la.InsertMode.add)
+        return forces[: len(self._is_free)].copy()
+
+    def _integrals(self, work: VirtualWork) -> np.ndarray:
+        """Return this rank's part of the integral of the factor of each component."""
+        return self._assembled(work).sum(axis=0)
+
+    def _assembled(self, work: VirtualWork) -> np.ndarray:
+        """Return what this rank's cells add, ghosts included; overwritten by the next call."""
+        self._vector.array[:] = 0.0
+        work.add_residual(self._vector.array)
+        return self._vector.array.reshape(-1, self._vector.block_size)
 
     def _forces(self, contact: np.ndarray, bulk: np.ndarray) -> np.ndarray:
         """Return this rank's part of forces and moments.
@@ -225,39 +240,25 @@ class LoadCell:
         return float(np.sum(mean * slid))
 
 
-_COUNT = 7
+def _of_skin(contact: Contact, stretch: Expr, w: ufl.Argument) -> ufl.Form:
+    """Return integrals over the skin, one for each component of a DG0 test function `w`.
 
-
-def _integrals(bulk: Term, contact: Contact, w: ufl.Argument) -> ufl.Form:
-    """Return the integrals over skin and tissue, one for each component of a DG0 test function `w`.
-
-    So one kernel computes them all, cell by cell: contact area, pressure, pressure times
-    gap, traction of the tissue; strain energy, volume now and at rest.
+    So one kernel computes them all, cell by cell: contact area, pressure, pressure times gap,
+    traction of the tissue.
     """
-    tissues = bulk.tissues
     gap, normal = contact.obstacle.gap, contact.obstacle.normal
     touching = ufl.conditional(ufl.lt(gap, _CONTACT_GAP_MM), 1.0, 0.0)
     form = ufl.Form([])
     for part in contact.parts:
         law = part.law
         values = (
-            touching * tissues.area_stretch(),
+            touching * stretch,
             law.s_n,
             law.s_n * abs(gap),
             touching * ufl.dot(law.t, normal),
         )
         form += sum(value * w[i] for i, value in enumerate(values)) * part.ds
-    form += bulk.stored(w[4])
-    return form + (ufl.det(tissues.F) * w[5] + w[6]) * tissues.dx
-
-
-def _nodal(form: fem.Form) -> np.ndarray:
-    """Return the owned part of an assembled vector, (nodes or cells, components)."""
-    vector = fem_petsc.assemble_vector(form)
-    vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-    values = vector.array.reshape(-1, form.function_spaces[0].dofmap.index_map_bs).copy()
-    vector.destroy()
-    return values
+    return form
 
 
 def _owned(u: fem.Function, owned: int) -> np.ndarray:

@@ -146,13 +146,21 @@ class Problem:
             self.terms.begin_step()
             yield
 
-    def virtual_work(self, form: ufl.Form, *, is_symmetric: bool = False) -> VirtualWork:
+    @cached_property
+    def bulk_work(self) -> VirtualWork:
+        """The tissues' virtual work."""
+        return self.virtual_work(self.bulk.residual(self.test), is_symmetric=self.bulk.is_symmetric)
+
+    def virtual_work(
+        self, form: ufl.Form, *, is_symmetric: bool = False, has_tangent: bool = True
+    ) -> VirtualWork:
         """Return a work of the step, or part of it, for assembly in several cells at once."""
         return VirtualWork(
             form,
             self.u,
             self.test,
             is_symmetric=is_symmetric,
+            has_tangent=has_tangent,
             jit_options=jit_options(self.settings.compiler_flags),
             entity_maps=self.contact.obstacle.entity_maps,
         )
@@ -160,7 +168,7 @@ class Problem:
     @cached_property
     def load_cell(self) -> LoadCell:
         """Evaluates the load on the finger; compiled when first used."""
-        return LoadCell(self.bulk, self.contact, self.held, self.bcs)
+        return LoadCell(self)
 
     def load(self) -> Load:
         """Return forces and energies at the present displacement, before it is accepted.

@@ -74,8 +74,7 @@ class FastSolver(StepSolver):
         self._near = NearSkin(problem.contact)
         is_symmetric = problem.bulk.is_symmetric
         self._contact = problem.virtual_work(problem.contact.residual(v))
-        self._bulk = problem.virtual_work(problem.bulk.residual(v), is_symmetric=is_symmetric)
-        self._bulk_of_tangent = self._bulk
+        self._bulk_of_tangent = self._bulk = problem.bulk_work
         if self._lagging.is_on:
             work = problem.bulk.work_of_tangent(v)
             self._bulk_of_tangent = problem.virtual_work(work, is_symmetric=is_symmetric)
@@ -95,6 +94,9 @@ class FastSolver(StepSolver):
                 self._jacobian.parts,
                 self._jit,
             )
+            if self._two_level.aggregates:
+                self._jacobian.assemble_bulk(self._bulk_of_tangent)
+                self._two_level.aggregate()
         # By weak references: Python's garbage collector cannot see what PETSc holds. A solver that
         # PETSc held would never be freed, and MPI allows only some 2,000 communicators.
         residual, jacobian = _weakly(self._assemble_residual), _weakly(self._assemble_jacobian)

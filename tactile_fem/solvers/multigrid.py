@@ -38,7 +38,7 @@ _FACTORS: dict[str, str | int | float | bool] = {
 }
 _AGGREGATION: dict[str, str | int | float | bool] = {
     "mg_coarse_pc_type": "gamg",
-    "mg_coarse_pc_gamg_reuse_interpolation": False,  # else a resumed scan would have another
+    "mg_coarse_pc_gamg_reuse_interpolation": True,  # see `TwoLevel.aggregate`
     "mg_coarse_ksp_type": "gmres",
     "mg_coarse_ksp_rtol": 0.3,
     "mg_coarse_ksp_max_it": 20,
@@ -113,7 +113,24 @@ class TwoLevel:
         PETSc.Options(snes.getOptionsPrefix()).setValue("snes_lag_preconditioner", -2)
         snes.setFromOptions()
         smoother.setFromOptions()
+        pc.getMGCoarseSolve().setFromOptions()
         self.needs_entries = smoother.getPC().getType() != "python"
+
+    @property
+    def aggregates(self) -> bool:
+        """Whether the coarse level is solved by aggregation."""
+        return self._snes.getKSP().getPC().getMGCoarseSolve().getPC().getType() == "gamg"
+
+    def aggregate(self) -> None:
+        """Choose the aggregates once and for all, by the entries at hand.
+
+        A scan and its continuation have the same only if they choose them at the same state.
+        """
+        with common.Timer("tactile: preconditioner"):
+            self._coarse.update()
+            coarse = self._snes.getKSP().getPC().getMGCoarseSolve()
+            coarse.setOperators(self._coarse.matrix)
+            coarse.setUp()
 
     def set_up(self, operator: PETSc.Mat, single: PETSc.Mat, jacobian: PETSc.Mat) -> None:
         """Compute coarse operator and factors, the lines' inverses and the spectral bounds.
