@@ -51,17 +51,17 @@ test-all: $(ENVIRONMENT) $(DOCS) $(READERS)
 
 env: $(ENVIRONMENT)
 
-.venv/.complete: pyproject.toml .ci/make-env
+.venv/.complete: pyproject.toml .ci/make-env .ci/install
 	@.ci/make-env
 	@touch $@
 
 .venv/.docs: .venv/.complete
 	@echo "Installing what builds the site and runs many scans ..." >&2
-	@$(PYTHON) -m pip install --quiet --disable-pip-version-check -e ".[docs,cluster]"
+	@.ci/install docs,cluster
 	@touch $@
 
 .venv/.readers: .venv/.complete
-	@$(PYTHON) -m pip install --quiet --disable-pip-version-check -e ".[neo,nwb,readers]"
+	@.ci/install neo,nwb,readers
 	@touch $@
 
 docs: $(DOCS)
