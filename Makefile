@@ -1,6 +1,9 @@
 # make scan      the letters of the paper: data and pictures into results/
 # make test      the tests that take seconds, some of the mechanics on two ranks as well
+#                (make fast, make ranks, make site: its three parts)
 # make test-all  all tests: also the demos, long scans and kills at random
+# make wheel     builds what pip installs into dist, and tries it without the sources
+# make coverage  how many of the lines the fast tests reach
 # make env       only the environment, in .venv
 # make docs      the site: pages, gallery and reference, in build/site
 # make tutorials runs the notebooks of the site again and keeps their outputs
@@ -24,7 +27,7 @@ DOCS := .venv/.docs
 READERS := .venv/.readers
 endif
 
-.PHONY: scan test test-all env docs tutorials lint clean help
+.PHONY: scan test fast ranks site test-all wheel coverage env docs tutorials lint clean help
 
 scan: $(ENVIRONMENT)
 	@$(PYTHON) -m tactile_fem.runtime.doctor
@@ -37,10 +40,16 @@ scan: $(ENVIRONMENT)
 	fi; \
 	$(PYTHON) -m tactile_fem scan $(STUDY) $(SET:%=--set %) --ranks $(RANKS) --results "$$folder"
 
-test: $(ENVIRONMENT) $(DOCS)
+test: fast ranks site
+
+fast: $(ENVIRONMENT) $(DOCS)
 	@$(PYTHON) -m tactile_fem.runtime.doctor
 	$(PYTHON) $(PYTEST) -m "not slow and not site"
+
+ranks: $(ENVIRONMENT)
 	$(PYTHON) tests/on_two_ranks.py -m "ranks and not slow"
+
+site: $(ENVIRONMENT) $(DOCS)
 	$(PYTHON) -m pytest -q -m site tests/test_site.py
 
 test-all: $(ENVIRONMENT) $(DOCS) $(READERS)
@@ -48,6 +57,15 @@ test-all: $(ENVIRONMENT) $(DOCS) $(READERS)
 	$(PYTHON) $(PYTEST) -m "not site"
 	$(PYTHON) tests/on_two_ranks.py
 	$(PYTHON) -m pytest -q -m site tests/test_site.py
+
+wheel: $(ENVIRONMENT)
+	@rm -rf dist build/lib
+	$(PYTHON) -m uv build --quiet --out-dir dist || $(PYTHON) -m pip wheel --quiet --no-deps --wheel-dir dist .
+	.ci/try-wheel dist/*.whl
+
+coverage: $(ENVIRONMENT) $(DOCS)
+	@.ci/install coverage
+	$(PYTHON) $(PYTEST) --cov=tactile_fem --cov-report=term:skip-covered -m "not slow and not site"
 
 env: $(ENVIRONMENT)
 
@@ -82,4 +100,4 @@ clean:
 	find tactile_fem tests demos -name __pycache__ -type d -prune -exec rm -rf {} +
 
 help:
-	@sed -n 's/^# \{0,1\}//p' Makefile | head -12
+	@sed -n 's/^# \{0,1\}//p' Makefile | head -16

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 import runpy
 import shutil
@@ -13,7 +14,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 from needs import needs_gmsh
-from scripts import DEMOS, SMALL, beside, imports, number, run
+from scripts import DEMOS, SMALL, beside, imports, number, run, start
 
 
 @pytest.mark.parametrize(
@@ -180,3 +181,24 @@ def test_cost(tmp_path):
     assert row["size"] == "small" and row["cells"] in output
     assert 0 < float(row["linear_s"]) < float(row["seconds"])
     assert float(row["force_N"]) > 0 < int(row["newton"])
+
+
+def test_fast_finger_and_afferents(tmp_path):
+    for script in ("fast.py --beside 0 --tries 1", "afferents.py --count 20 --tries 1"):
+        name, *way = script.split()
+        found = json.loads(run(f"benchmarks/{name}", *way).splitlines()[-1])
+        assert all(value > 0 for value in found.values())
+
+
+def test_revisions(tmp_path):
+    """The clones are of this repository; a case is measured with both and added to the history."""
+    if not (DEMOS.parent / ".git").exists():
+        pytest.skip("the sources are no clone")
+    way = ["--before", "HEAD", "--cases", "import", "--tries", "1"]
+    for count in (2, 4):
+        output = run("benchmarks/revisions.py", str(tmp_path), *way)
+        lines = (tmp_path / "benchmarks.jsonl").read_text().splitlines()
+        assert len(lines) == count and all(json.loads(line)["seconds"] > 0 for line in lines)
+    assert "import" in output and (tmp_path / "benchmarks.png").is_file()
+    code, _, said = start("benchmarks/revisions.py", str(tmp_path), "--cases", "scan")
+    assert code == 2 and "there is no scan, only import" in said

@@ -41,7 +41,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from cyclopts import Parameter
 
-from tactile_fem import run_script
+from tactile_fem import StudyError, run_script
 
 HERE = Path(__file__).parent
 Record = dict[str, Any]
@@ -74,7 +74,7 @@ def main(
         MPI ranks of a scan.
     """
     if unknown := set(cases) - set(CASES):
-        raise SystemExit(f"cases: there is no {', '.join(unknown)}, only {', '.join(CASES)}.")
+        raise StudyError(f"cases: there is no {', '.join(unknown)}, only {', '.join(CASES)}.")
     folder.mkdir(parents=True, exist_ok=True)
     trees = [clone(folder.resolve() / "revisions", name) for name in (before, after)]
     history = folder / "benchmarks.jsonl"
