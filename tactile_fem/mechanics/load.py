@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -12,9 +12,7 @@ from ufl.core.expr import Expr
 
 from tactile_fem.assembly import VirtualWork
 from tactile_fem.mechanics.terms.contact import Contact
-
-if TYPE_CHECKING:
-    from tactile_fem.mechanics.problem import Problem
+from tactile_fem.mechanics.terms.term import Term
 
 # Skin that is nearer to the body than this touches it, as ink on the finger would. Less would
 # show the noise of the gap on coarse meshes, one or two micrometres.
@@ -98,14 +96,30 @@ class LoadCell:
 
     Parameters
     ----------
-    problem
-        State, terms and conditions.
+    bulk, contact
+        The terms of the virtual work.
+    held
+        This rank's dofs (blocks) of the nodes that do not move.
+    bcs
+        All conditions on the displacement, also those on some components of a node.
+    of_bulk
+        The work of `bulk`, compiled.
+    compiled
+        Compiles a work that has no tangent.
     """
 
-    def __init__(self, problem: Problem) -> None:
-        contact, tissues = problem.contact, problem.tissues
-        self._obstacle, self._comm = contact.obstacle, problem.domain.comm
-        self._state = state = problem.state
+    def __init__(
+        self,
+        bulk: Term,
+        contact: Contact,
+        held: np.ndarray,
+        bcs: Sequence[fem.DirichletBC],
+        of_bulk: VirtualWork,
+        compiled: Callable[[ufl.Form], VirtualWork],
+    ) -> None:
+        tissues = bulk.tissues
+        self._obstacle, self._comm = contact.obstacle, tissues.domain.comm
+        self._state = state = tissues.state
         dim = len(state.u)
         # Of the moment; a section has the one out of its plane.
         self._planes = ((1, 2), (2, 0), (0, 1)) if dim == 3 else ((0, 1),)
@@ -114,12 +128,12 @@ class LoadCell:
         self._vector = la.vector(nodes, dim)
         owned = nodes.size_local
         self._is_free = np.ones(owned, dtype=bool)
-        self._is_free[problem.held[problem.held < owned]] = False
+        self._is_free[held[held < owned]] = False
         self._may_move = np.ones(owned * dim, dtype=bool)
-        for bc in problem.bcs:
+        for bc in bcs:
             dofs, own = bc.dof_indices()
             self._may_move[dofs[:own]] = False
-        v = problem.test
+        v = ufl.TestFunction(state.u.function_space)
         pressure, friction, bound = (ufl.Form([]) for _ in range(3))
         for part in contact.parts:
             s_n, across = part.law.s_n, ufl.dot(self._obstacle.normal, v)
@@ -128,15 +142,12 @@ class LoadCell:
             bound += part.law.coefficient(s_n) * s_n * across * part.ds
         self._coefficient = contact.friction.uniform
         forms = [pressure, friction] + ([bound] if self._coefficient is None else [])
-        self._of_contact = [problem.virtual_work(form, has_tangent=False) for form in forms]
-        self._of_bulk = problem.bulk_work
+        self._of_contact = [compiled(form) for form in forms]
+        self._of_bulk = of_bulk
         # Tested with a vector's components, as the nodes' basis functions add up to one.
         volumes = (ufl.det(tissues.F) * v[0] + v[1]) * tissues.dx
-        self._energy, self._volumes = (
-            problem.virtual_work(form, has_tangent=False)
-            for form in (problem.bulk.stored(v[0]), volumes)
-        )
-        W = fem.functionspace(problem.domain.mesh, ("DG", 0, (4,)))
+        self._energy, self._volumes = compiled(bulk.stored(v[0])), compiled(volumes)
+        W = fem.functionspace(tissues.domain.mesh, ("DG", 0, (4,)))
         self._cell_rows, self._own_cells = W.dofmap.list[:, 0], W.dofmap.index_map.size_local
         form = _of_skin(contact, tissues.area_stretch(), ufl.TestFunction(W))
         self._skin_form = self._obstacle.compile(form)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import ufl
@@ -168,7 +168,8 @@ class Problem:
     @cached_property
     def load_cell(self) -> LoadCell:
         """Evaluates the load on the finger; compiled when first used."""
-        return LoadCell(self)
+        compiled = partial(self.virtual_work, has_tangent=False)
+        return LoadCell(self.bulk, self.contact, self.held, self.bcs, self.bulk_work, compiled)
 
     def load(self) -> Load:
         """Return forces and energies at the present displacement, before it is accepted.
