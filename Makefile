@@ -64,7 +64,7 @@ wheel: $(ENVIRONMENT)
 	.ci/try-wheel dist/*.whl
 
 coverage: $(ENVIRONMENT) $(DOCS)
-	@.ci/install coverage
+	@.ci/install $(PYTHON) -e ".[coverage]"
 	$(PYTHON) $(PYTEST) --cov=tactile_fem --cov-report=term:skip-covered -m "not slow and not site"
 
 env: $(ENVIRONMENT)
@@ -75,11 +75,11 @@ env: $(ENVIRONMENT)
 
 .venv/.docs: .venv/.complete
 	@echo "Installing what builds the site and runs many scans ..." >&2
-	@.ci/install docs,cluster
+	@.ci/install $(PYTHON) -e ".[docs,cluster]"
 	@touch $@
 
 .venv/.readers: .venv/.complete
-	@.ci/install neo,nwb,readers
+	@.ci/install $(PYTHON) -e ".[neo,nwb,readers]"
 	@touch $@
 
 docs: $(DOCS)

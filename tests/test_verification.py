@@ -183,7 +183,7 @@ def test_cost(tmp_path):
     assert float(row["force_N"]) > 0 < int(row["newton"])
 
 
-def test_fast_finger_and_afferents(tmp_path):
+def test_fast_finger_and_afferents():
     for script in ("fast.py --beside 0 --tries 1", "afferents.py --count 20 --tries 1"):
         name, *way = script.split()
         found = json.loads(run(f"benchmarks/{name}", *way).splitlines()[-1])
