@@ -61,8 +61,9 @@ def test_a_fast_filter_does_not_answer_to_the_lines_between_samples():
 
 def test_rates_are_those_of_afferents_that_have_adapted_to_the_state():
     n = Neuron()
+    n = n.model_copy(update={"adaptation": 0.04})
     (still,) = made_up().rates_Hz(0, 0.0, Population("fast", n))
-    S = n.compression_kPa * np.log1p(1.0 / n.compression_kPa)
+    S = 1.0**n.power
     left = 1 - n.fast_adaptation + n.adaptation * np.expm1(-60.0 / n.adaptation_time_s)
     assert still == pytest.approx(rate_of(n.static_gain_pA_per_kPa * left * S, n), abs=1.0)
 

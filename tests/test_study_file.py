@@ -62,7 +62,7 @@ def test_the_template_mentions_every_key():
         "#     count = 9                   # number of ridges [>= 1, <= 200]",
         '#     along = "x"                 # direction of the ridges ["x", "y"]',
         "#nu = 0.3                         # Poisson's ratio [> -1, < 0.5]",
-        "#adaptation = 0.0212              # kappa; fitted, for hamasaki2020 proposed [>= 0, <= 1]",
+        "#adaptation = 0.0958              # kappa; fitted, for hamasaki2020 proposed [>= 0, <= 1]",
         "#generator_times_s = [0.008, 0.2, 1.745]  # gerling2018: tau_i; Gerling 2018 [> 0]",
         '# parts that are fixed; the others deform ["bone", "nail", "cut"]',
         "# D2_per_MPa is not set: of (J - 1)^4 / D2; default: none [> 0]",

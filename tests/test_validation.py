@@ -152,55 +152,50 @@ def test_sensitivity(tmp_path):
 
 
 @pytest.mark.slow
+@needs_gmsh
 def test_histories(tmp_path):
-    stimuli = ["--stimuli", "bar", "--stimuli", "grating_3.3", "--stimuli", "sphere_521"]
-    way = ["--preset", "coarse", *stimuli, "--depth", "0.1", "--step", "0.05"]
-    output = run("validation/histories.py", str(tmp_path), *way)
-    # The bar lies in the middle of one that is as wide, to 0.01 mm, and 0.1 mm deep alike.
-    forces = [number(rf"{name}: ([\d.]+) N", output) for name in ("bar", r"grating_3\.3")]
-    assert forces == pytest.approx([0.0032, 0.0032], rel=0.1)
+    stimuli = "bar", "periodic_4_edge", "sphere_521"
+    named = [part for name in stimuli for part in ("--stimuli", name)]
+    command = "validation/histories.py", str(tmp_path), "--pad-size", "0.9", "--step", "0.1", *named
+    output = run(*command)
     assert number(r"sphere_521: ([\d.]+) N", output) == pytest.approx(0.196, abs=1e-3)
+    assert number(r"periodic_4_edge: .* at ([\d.]+) mm", output) == pytest.approx(0.325)
     bar, ball = (np.load(tmp_path / f"{name}.npz") for name in ("bar", "sphere_521"))
-    assert sorted(bar["y_mm"]) == pytest.approx([0.1 * k - 4 for k in range(81)])
+    assert sorted(bar["y_mm"]) == pytest.approx([0.1 * k - 3.2 for k in range(65)])
     assert not bar["x_mm"].any()
-    assert bar["time_s"][-1] == pytest.approx(0.055)
-    assert bar["sed_kPa"][-1].max() == pytest.approx(0.0100, rel=0.1)
-    assert ball["stresses_kPa"].shape == (len(ball["time_s"]), 5, 3)
+    assert bar["time_s"][-1] == pytest.approx(0.1)
+    kept = np.load(DEMOS / "validation" / "histories" / "bar.npz")
+    assert bar["force_N"][-1] == pytest.approx(kept["force_N"][-1], rel=0.1)
+    for name in ("sed_kPa", "stretch", "compression_kPa", "area", "cluster_sed_kPa"):
+        assert bar[name].shape == (len(bar["time_s"]), 65)
+        assert np.corrcoef(bar[name][-1], kept[name][-1])[0, 1] > 0.8
     for force in (0.098, 0.147):
         assert np.abs(ball["force_N"] - force).min() < 1e-3
+    assert run(*command) == ""  # what exists is not computed again
 
 
 def test_calibrate(tmp_path):
     output = run("validation/calibrate.py", str(tmp_path))
     n = Neuron()
-    constants = "static_gain_pA_per_kPa", "compression_kPa", "fast_adaptation", "adaptation"
-    for name in constants:
+    for name in ("static_gain_pA_per_kPa", "power", "fast_adaptation", "adaptation"):
         assert getattr(n, name) == pytest.approx(
             number(rf"(?m)^{name} +([\d.e+]+)", output), rel=0.01
         )
-    assert number(r"spheres \(21\) \| .* \| R² ([\d.]+)", output) > 0.7
-    assert "rates fall with the radius | yes | yes" in output
+    assert number(r"spheres \(21\) \| .* \| R² ([\d.]+)", output) > 0.85
+    assert number(r"textures \(8\) \| .* \| R² ([\d.]+)", output) > 0.45
     assert 0.5 < number(r"left after 12 s, 1.3 mm \| 0.64 \| ([\d.]+)", output) < 0.75
-    assert number(r"human b .*, hold \| .* \| R² ([\d.]+)", output) > 0.8
+    assert output.count("| grating of ") == 6
     assert len(table(tmp_path / "rates.csv")) == output.count("\n| ") - 2  # but for the heading
 
 
-def test_the_linear_law_is_calibrated_on_the_bar(tmp_path):
-    way = ["--law", "hamasaki2020", "--bar-alone"]
-    output = run("validation/calibrate.py", str(tmp_path), *way)
-    n = Neuron(model="hamasaki2020")
-    for name in ("static_gain_pA_per_kPa", "dynamic_gain_pA_s_per_kPa"):
-        assert getattr(n, name) == pytest.approx(number(rf"{name} +([\d.]+)", output), rel=0.01)
-    assert number(r"bar, ramp \(17\) .* R² ([\d.]+)", output) > 0.75
-
-
-@pytest.mark.slow
-def test_compare_laws():
-    output = run("validation/compare_laws.py", "--stiffness", "1")
-    rows = re.findall(r"^(\w+) +([A-Za-z ]+?) +1 +(.*)$", output, re.M)
-    assert len(rows) == 8 and ("logarithmic", "SED") in [row[:2] for row in rows]
-    explained = {row[:2]: float(row[2].split()[3]) for row in rows}
-    assert explained["logarithmic", "SED"] > explained["hamasaki2020", "SED"]
+def test_a_law_is_fitted_to_all_experiments_and_to_all_but_each(tmp_path):
+    way = "--felt", "sed", "--how", "power", "--slow", "60"
+    run("validation/laws.py", str(tmp_path), *way)
+    (row,) = table(tmp_path / "laws.csv")
+    assert (row["felt"], row["how"], row["constants"]) == ("sed", "power", "4")
+    for name in ("bar", "spheres", "decline", "textures"):
+        own, others = float(row[name]), float(row[f"{name}_predicted"])
+        assert others <= own + 0.05 and own > 0.45
 
 
 def test_rates_are_drawn(tmp_path):
@@ -210,8 +205,7 @@ def test_rates_are_drawn(tmp_path):
 
 def test_recorded_rates_on_textures_agree_with_all_that_is_asked_of_the_model():
     with beside(DEMOS / "validation" / "textures.py"):
-        from texture_firing import recorded
-        from textures import CLAIMS
+        from textures import CLAIMS, recorded
 
         rates = recorded()
     for claim in CLAIMS:
@@ -223,57 +217,48 @@ def test_recorded_rates_on_textures_agree_with_all_that_is_asked_of_the_model():
 
 def test_a_kept_period_is_repeated():
     with beside(DEMOS / "validation" / "texture_firing.py"):
-        from texture_firing import Kept, mean_rates
+        from felt_quantities import FELT
+        from recordings import SURFACES, Kept
+        from texture_firing import mean_rates
 
         at = np.linspace(0, 3, 31)
-        wave = 0.2 + 0.15 * np.sin(2 * np.pi * at / 3)
-        drift = wave + 0.01 * at / 3
+        wave = 3 + 2 * np.sin(2 * np.pi * at / 3)
+        drift = wave + 0.1 * at / 3
         felt = np.column_stack([wave, drift, 0 * at])
         kept = Kept("one", {"dots_3.slide_mm": at, "dots_3.sed_kPa": felt})
-        slide = np.array([0.75, 3.75, 30.75])
-        replayed = kept.replayed("dots_3", "sed_kPa", slide)
-        assert replayed[:, 0] == pytest.approx([0.35] * 3, abs=1e-4)
-        assert replayed[:, 1] == pytest.approx([0.36] * 3, abs=1e-4)  # as it is at the end
+        replayed = kept.felt("dots_3", FELT["sed"], np.array([0.75, 3.75, 30.75]))
+        assert replayed[:, 0] == pytest.approx([5.0] * 3, abs=1e-2)
+        assert replayed[:, 1] == pytest.approx([5.1] * 3, abs=1e-2)  # as it is at the end
         rates = mean_rates([kept], "SA1", 80.0, duration_s=1.5)
-    assert np.isfinite(rates).tolist() == [[name == "dots_3" for name in kept_names()]]
+    assert np.isfinite(rates).tolist() == [[name == "dots_3" for name in SURFACES]]
     assert 1 < np.nanmean(rates) < 200
 
 
-def kept_names() -> list[str]:
-    """Return the surfaces in the order of their table."""
-    rows = table(DEMOS / "validation" / "measured" / "rates" / "textures.csv")
-    return [row["surface"] for row in rows]
-
-
-@pytest.mark.slow
-def test_textures(tmp_path):
-    output = run("validation/textures.py", str(tmp_path), "--speeds", "80", "--only", "SED")
-    rows = table(tmp_path / "rates.csv")
-    assert {row["surface"] for row in rows} == set(kept_names())
-    assert all(0 <= float(row["model_Hz"]) < 300 for row in rows)
-    assert (
-        0 < number(r"SA1: 2 mm dots over 3 mm grating \(ratio\) \| 6\.50 \| ([\d.]+)", output) < 4
-    )
+def test_the_default_sa1_tells_fine_from_coarse_textures(tmp_path):
+    output = run("validation/textures.py", str(tmp_path), "--speeds", "80")
+    rows = [row for row in table(tmp_path / "rates.csv") if row["kind"] == "SA1"]
+    model = {row["surface"]: float(row["model_Hz"]) for row in rows if "0.74" in row["histories"]}
+    assert len(model) == 8 and max(model, key=model.get) == "dots_3"
+    assert min(model, key=model.get) == "grating_3"
+    assert number(r"SA1: 2 mm dots over 3 mm grating \(ratio\) \| 6\.50 \| ([\d.]+)", output) > 1.5
     assert (tmp_path / "textures.png").stat().st_size > 10_000
 
 
 @pytest.mark.slow
 @needs_gmsh
 def test_what_textures_are_felt_as(tmp_path):
-    way = ["--kind", "section", "--preset", "coarse", "--surfaces", "grating_3"]
-    command = "validation/texture_histories.py", str(tmp_path), *way, "--conditions", "0.2,0.01"
+    way = ["--pad-size", "0.9", "--surfaces", "grating_3", "--output", "0.3"]
+    command = "validation/texture_histories.py", str(tmp_path), *way, "--conditions", "0.2,0.05"
     output = run(*command)
-    assert number(r"grating_3: force ([\d.]+) N", output) == pytest.approx(0.01, rel=0.2)
-    kept = np.load(tmp_path / "section_coarse_0.2mm_0.01N.npz")
+    assert number(r"grating_3: force ([\d.]+) N", output) == pytest.approx(0.05, rel=0.05)
+    kept = np.load(tmp_path / "0.2mm_0.05N.npz")
     sed = kept["grating_3.sed_kPa"]
     assert kept["grating_3.slide_mm"][[0, -1]] == pytest.approx([0, 3], abs=1e-5)
-    assert sed[0] == pytest.approx(sed[-1], rel=0.1, abs=0.1 * float(sed.std()))
-    assert (kept["grating_3.cluster_sed_kPa"] > 0.9 * sed).all()
+    assert sed[0] == pytest.approx(sed[-1], rel=0.15, abs=0.15 * float(sed.std()))
+    assert kept["grating_3.cluster_sed_kPa"].shape == sed.shape
     assert run(*command) == ""  # what exists is not computed again
 
 
-@pytest.mark.slow
-@needs_gmsh
 def test_strains(tmp_path):
     options = "--forces", "0.005", "--edge-force", "0.005", "--pad-size", "0.1175"
     output = run("validation/strains.py", str(tmp_path), *options)

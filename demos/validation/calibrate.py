@@ -1,42 +1,39 @@
 # %% [markdown]
-# # The neuron calibrated on ramps and holds, and everything else predicted
+# # The neuron fitted to monkeys' afferents, and everything else predicted
 #
-# The drive $D$ is compressed and adapts twice, fast and over seconds; currents below the membrane's
-# rheobase evoke no spikes:
+# The drive $D$, strain energy density in kPa, is compressed by a power and adapts twice, fast and
+# within a minute; currents below the membrane's rheobase evoke no spikes:
 #
-# $$I = \alpha\,(S - \kappa_f a_f - \kappa a), \quad S = S_0 \ln(1 + D/S_0), \quad
+# $$I = \alpha\,(S - \kappa_f a_f - \kappa a), \quad S = D^p, \quad
 # \tau_f \dot a_f = S - a_f, \quad \tau_a \dot a = S - a.$$
 #
-# Fitted are $\alpha$, $S_0$ and both shares $\kappa$; the times stay 10 ms and 10 s. The data are
-# rates of monkeys in the ramp (17) and the hold (17) of a bar and under spheres (21), their decline
-# in holds of 12 s (2), and rates of one human afferent (18), whose gain and threshold are fitted as
-# well. Each of these experiments counts by the share of its variance. The model's rate is the
-# membrane's steady rate at the present current: what many trials with irregular spikes tend to.
+# Fitted are $\alpha$, $p$ and both shares $\kappa$; the times stay 10 ms and 60 s. The data are
+# rates in the ramp (17) and the hold (17) of a bar, under spheres (21), on textures (8), and their
+# decline in holds of 12 s (2). Each of these experiments counts by the share of its variance. The
+# model's rate is the membrane's steady rate at the present current: what many trials with irregular
+# spikes tend to. Other laws: `laws.py`.
 #
 #     python demos/validation/calibrate.py results/neurons
-#     python demos/validation/calibrate.py results/linear --law hamasaki2020 --bar-alone
 
 # %%
-import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import recordings
+from felt_quantities import FELT
 from human_afferents import HumanAfferent
+from laws import experiments
 from letter_firing import LetterFiring
 from recordings import HOLD_S, ONSET, RAMP, RAMP_S, Array, measured, rates_of
 
 from tactile_fem import run_script, write_table
 from tactile_fem.neuron import (
     Drive,
-    FitWarning,
     RateFit,
     Recording,
     Window,
-    drive_of,
     fit,
     mean_rates,
     modelled_rates,
@@ -44,10 +41,10 @@ from tactile_fem.neuron import (
 )
 from tactile_fem.study import Neuron
 
+FREE = "static_gain_pA_per_kPa", "power", "fast_adaptation", "adaptation"
 RAMP_HZ, HELD_HZ = (100.0, 200.0), (10.0, 50.0)  # expected under cylinders
 LARGEST_HZ, SILENT_HZ = 200.0, 10.0  # expected under letters
 AWAY_MM = (1.5, 1.0)
-TIMES_S = (0.5, 1.745, 5.0, 10.0, 30.0)  # of the slow adaptation, tried
 
 
 @dataclass(frozen=True)
@@ -60,88 +57,27 @@ class Row:
     met: str = ""
 
 
-@dataclass(frozen=True)
-class Law:
-    """A model of transduction: where its fit starts, what is free, and what declines tell."""
-
-    neuron: Neuron
-    free: tuple[str, ...]
-    slow: tuple[str, ...] = ()
-
-    def fitted_quietly(self, some: Sequence[Recording]) -> tuple[RateFit, int]:
-        """Return a fit to presses of a second, and how many constants it warns of."""
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", FitWarning)
-            return fit(some, self.neuron, self.free), len(caught)
-
-
-LAWS = {
-    "logarithmic": Law(
-        Neuron(model="logarithmic"),
-        ("static_gain_pA_per_kPa", "compression_kPa", "fast_adaptation"),
-        ("adaptation",),
-    ),
-    "hamasaki2020": Law(
-        Neuron(model="hamasaki2020"), ("static_gain_pA_per_kPa", "dynamic_gain_pA_s_per_kPa")
-    ),
-    "gerling2018": Law(
-        Neuron(model="gerling2018"), tuple(f"generator_gains_pA_per_kPa[{k}]" for k in range(4))
-    ),
-}
-
-
 def modelled(some: Sequence[Recording], neuron: Neuron) -> Array:
     """Return the model's mean rates in all windows, one after another, spikes/s."""
     return np.concatenate([modelled_rates(one, neuron).ravel() for one in some])
 
 
-def deviations_of(some: Sequence[Recording]) -> Array:
-    """Return the standard deviations of the measured rates."""
-    windows = [window for r in some for window in r.windows]
-    return np.concatenate([np.broadcast_to(w.sd_Hz, np.shape(w.rate_Hz)) for w in windows])
-
-
-def explained(some: Sequence[Recording], neuron: Neuron) -> float:
-    """Return the share of the variance of the measured rates that the model explains."""
-    rates = rates_of(some)
-    return r_squared(modelled(some, neuron), rates)
-
-
 # %%
-def main(
-    folder: Path,
-    *,
-    law: Literal["logarithmic", "hamasaki2020", "gerling2018"] = "logarithmic",
-    feels: str = "sed",
-    bar_alone: bool = False,
-    checks: bool = False,
-) -> None:
+def main(folder: Path, *, people: bool = False) -> None:
     """Fit, predict and print.
 
     Parameters
     ----------
     folder
         Folder for the table.
-    law
-        The transduction.
-    feels
-        The drive.
-    bar_alone
-        Whether the bar alone is fitted, and everything else predicted from it.
-    checks
-        Whether to print what parts of the data predict, and which constants they determine.
+    people
+        Whether to print people's afferents for each punch that may have been used.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    drive, chosen = drive_of(feels), LAWS[law]
-    known = [recordings.bar(drive)] if bar_alone else fitted_data(drive)
-    fitted = fit(known, chosen.neuron, (*chosen.free, *(() if bar_alone else chosen.slow)))
+    drive = FELT["sed"]
+    fitted = fit([one for some in experiments(drive).values() for one in some], Neuron(), FREE)
     print_constants(fitted)
-    if checks:
-        found = replace(chosen, neuron=fitted.neuron)
-        halves(drive, found)
-        undetermined(known, found)
-        if chosen.slow and not bar_alone:
-            print_times(known, found)
+    if people:
         for radius in recordings.PUNCHES_MM:
             print_people(drive, fitted.neuron, radius)
     rows = list(table(fitted.neuron, drive))
@@ -151,12 +87,6 @@ def main(
     write_table(folder / "rates.csv", rows)
 
 
-def fitted_data(drive: Drive) -> list[Recording]:
-    """Return everything that is fitted."""
-    presses = [recordings.bar(drive), *recordings.spheres(drive)]
-    return [*presses, *recordings.human_unit(drive, "b"), *recordings.decline(drive)]
-
-
 # %%
 def print_constants(found: RateFit) -> None:
     """Print the constants, their intervals and correlations."""
@@ -164,31 +94,6 @@ def print_constants(found: RateFit) -> None:
         print(f"{name:27s} {e.value:9.4g}  (95 %: {e.low:.4g} to {e.high:.4g}) {e.doubt}")
     pairs = zip(*np.triu_indices(len(found.estimates), 1), strict=True)
     print("correlations: " + ", ".join(f"{found.correlation[pair]:+.2f}" for pair in pairs))
-
-
-def undetermined(known: list[Recording], law: Law) -> None:
-    """Print fits in which a further constant is free as well."""
-    logarithmic = law.neuron.model == "logarithmic"
-    for more in ("fast_adaptation_time_s" if logarithmic else "adaptation", "intercept_pA"):
-        found, told = Law(law.neuron, (*law.free, more)).fitted_quietly(known)
-        e = found.estimates[more]
-        print(
-            f"with {more} free: {e.value:.3g} ({e.low:.3g} to {e.high:.3g}), "
-            f"R2 of all {found.r2[-1]:.3f}; {told} constants not determined"
-        )
-
-
-def print_times(known: list[Recording], law: Law) -> None:
-    """Print fits with other times of the slow adaptation."""
-    for time_s in TIMES_S:
-        start = law.neuron.model_copy(update={"adaptation_time_s": time_s})
-        found, _ = replace(law, neuron=start, free=(*law.free, *law.slow)).fitted_quietly(known)
-        deviations = np.concatenate(found.residuals_Hz) / deviations_of(known)
-        left = [modelled_rates(one, found.neuron)[1, 0] for one in known if one.relative]
-        print(
-            f"slow adaptation in {time_s:g} s: share {found.neuron.adaptation:.3g}, sum of squares "
-            f"{np.sum(deviations**2):.1f}, left after 12 s {', '.join(f'{x:.2f}' for x in left)}"
-        )
 
 
 def print_people(drive: Drive, neuron: Neuron, radius_mm: float) -> None:
@@ -205,22 +110,6 @@ def print_people(drive: Drive, neuron: Neuron, radius_mm: float) -> None:
         )
 
 
-def halves(drive: Drive, law: Law) -> None:
-    """Print R2 of what is predicted from a part of the data."""
-    y, spheres = measured("bar")["y_mm"], recordings.spheres(drive)
-    whole = [recordings.bar(drive)]
-    low, high = ([recordings.bar(drive, part)] for part in (y < 0, y >= 0))
-    for name, known, rest in (
-        ("bar at y < 0, every second sphere", low + spheres[0::2], high + spheres[1::2]),
-        ("bar at y >= 0, the other spheres", high + spheres[1::2], low + spheres[0::2]),
-        ("bar alone", whole, spheres),
-        ("spheres alone", spheres, whole),
-    ):
-        neuron = law.fitted_quietly(known)[0].neuron
-        own, other = (explained(some, neuron) for some in (known, rest))
-        print(f"{name}: R2 {own:.3f}, of the rest {other:.3f}")
-
-
 # %%
 def table(neuron: Neuron, drive: Drive) -> Iterator[Row]:
     """Yield all rows: what is fitted first, then what is predicted."""
@@ -229,9 +118,11 @@ def table(neuron: Neuron, drive: Drive) -> Iterator[Row]:
     yield agreement("bar, ramp (17)", rates[0], bar["ramp_Hz"])
     yield agreement("bar, hold (17)", rates[1], bar["hold_Hz"])
     yield predicted("spheres (21)", recordings.spheres(drive), neuron)
+    yield predicted("textures (8)", recordings.textures(drive), neuron)
     yield from second_rows(drive, neuron)
     yield predicted("bar, hold, second reading (25)", [recordings.bar_again(drive)], neuron)
     yield predicted("aperiodic grating (12)", recordings.grating(drive), neuron)
+    yield from periodic_rows(drive, neuron)
     yield probe_row(drive, neuron)
     yield from cylinder_rows(drive, neuron)
     yield from letter_rows(drive, neuron)
@@ -265,6 +156,17 @@ def agreement(name: str, model: Array, rates: Array) -> Row:
 def said(met: bool) -> str:
     """Return how a table says whether an expectation is met."""
     return "yes" if met else "**missed**"
+
+
+def periodic_rows(drive: Drive, neuron: Neuron) -> Iterator[Row]:
+    """Yield rates at edge, ridge and groove of gratings over the mean of all, edges twice."""
+    some = recordings.periodic(drive)
+    rates = modelled(some, neuron).reshape(-1, 3)
+    rates /= np.average(rates, axis=1, weights=(2, 1, 1)).mean()
+    for period, one, own in zip(measured("periodic")["period_mm"], some, rates, strict=True):
+        (window,) = one.windows
+        parts = (" ".join(f"{x:.2f}" for x in each) for each in (np.ravel(window.rate_Hz), own))
+        yield Row(f"grating of {period:g} mm: edge, ridge, groove", *parts)
 
 
 def probe_row(drive: Drive, neuron: Neuron) -> Row:

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import recordings
 from calibrate import modelled
+from felt_quantities import FELT
 from human_afferents import HumanAfferent
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from recordings import HOLD, RAMP, measured
 
 from tactile_fem import run_script
-from tactile_fem.neuron import DRIVES, Drive, Window, mean_rates
+from tactile_fem.neuron import Drive, Window, mean_rates
 from tactile_fem.study import Neuron
 
 BLUE, ORANGE, GREEN, INK = "#0072B2", "#D55E00", "#009E73", "#222222"
@@ -28,7 +29,7 @@ def main(picture: Path) -> None:
     panels = figure.subplots(1, 4)
     drawings = _draw_bar, _draw_spheres, _draw_people, _draw_grating
     for axes, draw in zip(panels, drawings, strict=True):
-        draw(axes, Neuron(), DRIVES["sed"])
+        draw(axes, Neuron(), FELT["sed"])
         axes.spines[["top", "right"]].set_visible(False)
         axes.set_ylim(0, None)
     panels[0].set_ylabel("Firing rate (spikes/s)")

@@ -1,26 +1,29 @@
 # %% [markdown]
 # # What receptors feel while gratings and dots slide under the finger
 #
-# The eight surfaces of `textures.py` are pressed to a force and slide at the depth reached: 5 mm to
-# come to a steady state, then one period. From there on all that is felt repeats itself with the
-# surface, so one period is kept, in a small file, from which any duration and speed can be made.
-# Ridges are as wide as grooves, dots are 1 mm wide on a square lattice.
+# The eight surfaces of `textures.py` are pressed against the finger of the study `macaque`, sliding
+# with the force held: 3 mm to come to a steady state, then one period. From there on what is felt
+# repeats itself with the surface, so one period is kept, in a small file, from which any duration
+# and speed can be made. Ridges are as wide as grooves. Dots are 0.5 mm wide and 0.74 mm high on a
+# square lattice, pressed with 0.5 N: so they stand in scripts of the laboratory that recorded the
+# rates. The heights of the gratings are not known; 0.5 mm is a variant.
 #
 #     python demos/validation/texture_histories.py results/textures
-#     python demos/validation/texture_histories.py results/quick --conditions 0.5,0.3
+#     python demos/validation/texture_histories.py results/quick --conditions 0.74,0.5
 #
 # Folders of scans lie in `results/textures/scans`; what is kept, beside them.
 
 # %%
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
+from felt_quantities import END_ORGANS, KEEPS_TENSOR, both
 from numpy.typing import NDArray
-from texture_firing import APART_MM, SURFACES, Condition, Kept
+from recordings import SURFACES, Kept
+from texture_firing import Condition
 
-from tactile_fem import Results, Study, completed, run_script
+from tactile_fem import Results, Study, completed, load_study, run_script
 from tactile_fem.runtime.files import atomic_write
 from tactile_fem.series import mean_over
 
@@ -28,25 +31,18 @@ from mpi4py import MPI  # isort: skip  (after DOLFINx, which orders MPI)
 
 Array = NDArray[Any]
 
-DOT_RADIUS_MM, FILLET_MM = 0.5, 0.2
-RUN_IN_MM, RUN_IN_OUTPUT_MM, OUTPUT_MM = 5.0, 0.2, 0.1
+DOT_RADIUS_MM, FILLET_MM = 0.25, 0.1
+RUN_IN_MM, RUN_IN_OUTPUT_MM, OUTPUT_MM = 3.0, 0.2, 0.1
 PRESS_MM_S, SPEED_MM_S = 20.0, 80.0
-BEYOND_MM = 14.0  # how far a surface reaches beyond the contact point, less than the finger
+BEYOND_MM = 9.0  # how far a surface reaches beyond the contact point, less than the finger
 # Places of afferents: left and right alike, so that lattices of all periods are met evenly.
-SOLID_MM = tuple(
-    (x, y) for x in (0.375, -1.125, 1.875, -2.625) for y in (-3.0, -1.5, 0.0, 1.5, 3.0)
-)
-SECTION_MM = tuple((0.0, 0.5 * k) for k in range(-6, 7))
-DEEP_MM = tuple((x, y) for x in (0.375, -1.875) for y in (-2.0, 0.0, 2.0))
-# Points around each place at which nothing is averaged: a cluster of end organs, and points 0.5 mm
-# apart, of which the difference is felt.
-CLUSTER_MM = 0.125
+SA1_MM = tuple((x, y) for x in (0.375, -1.125, 1.875, -2.625) for y in (-1.5, 0.0, 1.5))
+PC_MM = tuple((x, y) for x in (0.375, -1.125) for y in (-1.0, 0.0, 1.0))
+PC_BELOW_MM = 1.1  # 2 mm in people
 
 
 # %%
-CONDITIONS = tuple(
-    Condition(*pair) for pair in ((0.5, 0.3), (0.2, 0.1), (0.2, 0.5), (1.0, 0.1), (1.0, 0.5))
-)
+CONDITIONS = tuple(Condition(*pair) for pair in ((0.74, 0.5), (0.5, 0.5)))
 
 
 def stimulus(surface: str, height_mm: float, slide_mm: float) -> dict[str, Any]:
@@ -67,53 +63,35 @@ def stimulus(surface: str, height_mm: float, slide_mm: float) -> dict[str, Any]:
     return common | lattice | {"radius_mm": DOT_RADIUS_MM}
 
 
-def around(places: tuple[tuple[float, float], ...], section: bool) -> Iterator[tuple[float, float]]:
-    """Yield for each place itself, the points of its cluster and those that are apart."""
-    steps = [(0.0, 1.0)] if section else [(1.0, 0.0), (0.0, 1.0)]
-    for x, y in places:
-        yield x, y
-        for reach in (CLUSTER_MM, APART_MM / 2):
-            for i, j in steps:
-                yield from ((x + sign * reach * i, y + sign * reach * j) for sign in (-1, 1))
-
-
 def study(
-    surface: str,
-    condition: Condition,
-    *,
-    preset: str = "medium",
-    kind: Literal["solid", "section"] = "solid",
-    speed_mm_s: float = SPEED_MM_S,
-    inertia: bool = False,
-    output_mm: float = OUTPUT_MM,
-    periods: int = 1,
+    surface: str, condition: Condition, base: Study, *, output_mm: float = OUTPUT_MM
 ) -> Study:
-    """Return the study of a surface; `output_mm` is that of the periods."""
-    section = kind == "section"
-    places, deep = (SECTION_MM, SECTION_MM[2:-2:2]) if section else (SOLID_MM, DEEP_MM)
-    way = periods * SURFACES[surface]
+    """Return the study of a surface; `output_mm` is that of the period that is kept."""
+    held = {"force_N": condition.force_N, "speed_mm_s": SPEED_MM_S}
     slides = [
-        {"kind": "slide", "by_mm": (0.0, -by), "output_mm": out, "speed_mm_s": speed_mm_s}
-        for by, out in ((RUN_IN_MM, RUN_IN_OUTPUT_MM), (way, output_mm))
+        {"kind": "slide", "by_mm": (0.0, -by), "output_mm": out} | held
+        for by, out in ((RUN_IN_MM, RUN_IN_OUTPUT_MM), (SURFACES[surface], output_mm))
     ]
     press = {"kind": "press", "force_N": condition.force_N, "speed_mm_s": PRESS_MM_S}
 
     def population(name: str, kind: str, at: Any, **more: Any) -> dict[str, Any]:
-        receptors = {"placement": "line", "half_width_mm": 0.0, "half_length_mm": 0.0}
-        return {"name": name, "kind": kind, "receptors": receptors | {"extra_mm": at} | more}
+        receptors = more.pop("receptors", {}) | {"half_width_mm": 0.0, "extra_mm": at}
+        return {"name": name, "kind": kind, "receptors": receptors} | more
 
+    end_organs, deep = {"end_organs": END_ORGANS}, {"below_skin_mm": PC_BELOW_MM}
     return Study.model_validate(
         {
-            "finger": {"preset": preset, "kind": kind},
-            "stimulus": stimulus(surface, condition.height_mm, RUN_IN_MM + way),
+            "finger": base.finger,
+            "tissue": base.tissue,
+            "receptors": base.receptors,
+            "stimulus": stimulus(surface, condition.height_mm, RUN_IN_MM + SURFACES[surface]),
             "protocol": {"path": [press, *slides]},
             "afferents": [
-                population("SA1", "SA1", places),
-                population("points", "SA1", tuple(around(places, section)), average_radius_mm=0.0),
-                population("RA", "RA", places),
-                population("PC", "PC", deep),
+                population("SA1", "SA1", SA1_MM, feels=KEEPS_TENSOR),
+                population("cluster", "SA1", SA1_MM, feels=KEEPS_TENSOR, receptors=end_organs),
+                population("RA", "RA", SA1_MM),
+                population("PC", "PC", PC_MM, receptors=deep),
             ],
-            "solver": {"inertia": inertia},
             "output": {"pictures": False, "states_mm": 100.0},
         }
     )
@@ -126,35 +104,18 @@ def felt(results: Results, period_mm: float) -> dict[str, Array]:
     # The line of each population begins with the apex, which is not among the places.
     column = {
         name: np.flatnonzero(trace["population"] == name)[1:]
-        for name in ("SA1", "points", "RA", "PC")
+        for name in ("SA1", "cluster", "RA", "PC")
     }
-    ball = column["SA1"]
-    points = column["points"].reshape(len(ball), -1)
-    in_cluster = (points.shape[1] + 1) // 2
-    cluster, pairs = points[:, :in_cluster], points[:, in_cluster:].reshape(len(ball), -1, 2)
     at = trace["displacement_mm"]
     rows = np.flatnonzero(at > at[-1] - period_mm - 1e-6)
-    stresses, stretches = trace["stresses_kPa"][rows], trace["stretches"][rows]
-    von_mises, sed = trace["von_mises_kPa"][rows], trace["sed_kPa"][rows]
-
-    def difference(values: Array) -> Array:
-        low, high = np.moveaxis(values[:, pairs], -1, 0)
-        return np.linalg.norm(high - low, axis=-1)
-
+    needed = "sed_kPa", "stretches", "stresses_kPa", "right_cauchy_green", "moved_mm"
+    last = {name: trace[name][rows] for name in needed}
     return {
         "slide_mm": at[rows] - at[-1] + period_mm,
         "force_N": trace["force_N"][rows, 2],
-        "sed_kPa": sed[:, ball],
-        "von_mises_kPa": von_mises[:, ball],
-        "stretch": stretches[:, ball, -1] - 1,
-        "compression_kPa": -stresses[:, ball, 0],
-        "stretch_difference": difference(stretches[..., -1]),
-        "sed_difference_kPa": difference(sed),
-        "cluster_sed_kPa": sed[:, cluster].max(axis=-1),
-        "cluster_von_mises_kPa": von_mises[:, cluster].max(axis=-1),
-        "cluster_compression_kPa": -stresses[:, cluster, 0].min(axis=-1),
-        "shortening": 1 - stretches[:, column["RA"], 0],
-        "moved_mm": trace["moved_mm"][rows][:, column["PC"], 2],
+        **both(last, column["SA1"], column["cluster"]),
+        "shortening": 1 - last["stretches"][:, column["RA"], 0],
+        "moved_mm": last["moved_mm"][:, column["PC"], 2],
     }
 
 
@@ -180,12 +141,8 @@ def main(
     *,
     surfaces: tuple[str, ...] = tuple(SURFACES),
     conditions: tuple[str, ...] = (),
-    preset: Literal["coarse", "medium", "paper"] = "medium",
-    kind: Literal["solid", "section"] = "solid",
-    speed: float = SPEED_MM_S,
-    inertia: bool = False,
+    pad_size: float | None = None,
     output: float = OUTPUT_MM,
-    periods: int = 1,
 ) -> None:
     """Slide surfaces and keep what is felt; what exists is not computed again.
 
@@ -196,31 +153,19 @@ def main(
     surfaces
         Names, such as grating_12 and dots_3.
     conditions
-        Heights in mm and forces in N (of a section N/mm), such as 0.5,0.3.
-    preset, kind
-        Preset and kind of the finger.
-    speed, inertia, output
-        Speed of the slide, mm/s; whether inertia acts; distance between outputs, mm.
-    periods
-        Number of periods that are slid; the last is kept.
+        Heights in mm and forces in N, such as 0.74,0.5.
+    pad_size
+        Edge of the elements under the contact, mm, instead of the study's own.
+    output
+        Distance between outputs, mm.
     """
-    of_run = f"{kind}_{preset}" + (f"_{speed:g}" if speed != SPEED_MM_S else "")
-    of_run += ("_inertia" if inertia else "") + (f"_{periods}periods" if periods > 1 else "")
+    base = load_study("macaque", [f"finger.pad_size_mm={pad_size}"] if pad_size else [])
     for condition in [Condition.parsed(text) for text in conditions] or CONDITIONS:
-        path = folder / f"{of_run}_{condition}.npz"
+        path = folder / f"{condition}.npz"
         for surface in surfaces:
             if surface in Kept.of(path).surfaces:
                 continue
-            one = study(
-                surface,
-                condition,
-                preset=preset,
-                kind=kind,
-                speed_mm_s=speed,
-                inertia=inertia,
-                output_mm=output,
-                periods=periods,
-            )
+            one = study(surface, condition, base, output_mm=output)
             results = completed(one, folder / "scans" / f"{path.stem}_{surface}")
             if MPI.COMM_WORLD.rank == 0:
                 arrays = felt(results, SURFACES[surface])

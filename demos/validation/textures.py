@@ -1,21 +1,16 @@
 # %% [markdown]
-# # Firing on gratings and dots that slide under the finger, beside recorded rates
+# # Firing on gratings and dots that slide under a monkey's finger, beside recorded rates
 #
 # Recorded (`measured/rates/textures.csv`): mean rates of 39 afferents of monkeys on a drum with
-# gratings of period 12, 8, 5, 3 mm and dots on square lattices of 6, 4, 3, 2 mm. Heights, forces,
-# widths and speed are not known to us. So the model slides them at several heights and forces, at
-# 40, 80 and 120 mm/s, and the question is which orders and ratios hold anywhere in this range, and
-# which nowhere; then, whether SA1 afferents that respond to something else than strain energy
-# density would tell a grating of 3 mm from dots 2 mm apart as recorded ones do. Nothing is fitted
-# to the recorded rates.
-#
-# What is felt comes from `texture_histories.py`, so that firing alone takes minutes.
+# gratings of period 12, 8, 5, 3 mm and dots on square lattices of 6, 4, 3, 2 mm. The default SA1 is
+# fitted to these and other rates (`calibrate.py`); RA and PC are predicted. What of the speed, the
+# gratings' heights and the force is not known is varied. What is felt comes from
+# `texture_histories.py`.
 #
 #     python demos/validation/textures.py results/textures
 #     python demos/validation/textures.py results/textures --histories results/histories --speeds 80
 
 # %%
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,28 +19,16 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from texture_firing import (
-    HISTORIES,
-    KINDS,
-    SURFACES,
-    Array,
-    Felt,
-    Kept,
-    drives,
-    mean_rates,
-    recorded,
-)
+from recordings import AS_RECORDED, HISTORIES, SURFACES, Array, Kept, recorded_on_textures
+from texture_firing import DRIVES, mean_rates
 
 from tactile_fem import run_script, write_table
 
 NAMES = tuple(SURFACES)
 GRATINGS, DOTS = slice(0, 4), slice(4, 8)
-BLUE, ORANGE, INK, GREY = "#0072B2", "#D55E00", "#222222", "#9A9A9A"
+BLUE, INK = "#0072B2", "#222222"
 LEVEL = 1.3  # the largest rate over the smallest, if rates are level; recorded: 1.2
 FACTOR = 2.0  # within which a ratio agrees
-FINE, COARSE = "solid_medium_0.5mm_0.3N", "solid_coarse_0.5mm_0.3N"
-DRIVES_MM_S = 80.0
-SHARPEST = "difference of stretch", "linear"
 
 # Rates, spikes/s, (speeds, files, surfaces), by kind.
 RatesOf = dict[str, Array]
@@ -61,49 +44,6 @@ class Rate:
     surface: str
     recorded_Hz: float
     model_Hz: float
-
-
-@dataclass(frozen=True)
-class Driven:
-    """Rates of SA1 afferents that respond to a drive, by a law that is fitted to bar and spheres.
-
-    Attributes
-    ----------
-    drive, law
-        What they respond to; compressed or linear.
-    r2_bar, r2_spheres
-        Share of the variance that the law explains there.
-    histories
-        Name of the file.
-    rates
-        Spikes/s, (8,), nan for what is not kept.
-    ratio_of_drive
-        Mean drive on dots 2 mm apart over that on a grating of 3 mm.
-    """
-
-    drive: str
-    law: str
-    r2_bar: float
-    r2_spheres: float
-    histories: str
-    rates: Array
-    ratio_of_drive: float
-
-    @property
-    def ratio(self) -> float:
-        """Rate on dots 2 mm apart over that on a grating of 3 mm."""
-        return ratio("dots_2", "grating_3")(self.rates, self.rates)
-
-    @property
-    def r(self) -> float:
-        """Correlation with the recorded rates; nan where a surface is not kept."""
-        return float(np.corrcoef(self.rates, recorded()["SA1"])[0, 1])
-
-    def row(self) -> dict[str, str | float]:
-        """Return what a table says of it."""
-        rates = {f"{name}_Hz": rate for name, rate in zip(NAMES, self.rates, strict=True)}
-        known = {key: value for key, value in vars(self).items() if key != "rates"}
-        return known | {"ratio": self.ratio, "r": self.r} | rates
 
 
 # %% [markdown]
@@ -187,35 +127,32 @@ CLAIMS = (
 def main(
     folder: Path,
     *,
-    histories: Path = HISTORIES,
+    histories: Path = HISTORIES / "textures",
     speeds: tuple[float, ...] = (40.0, 80.0, 120.0),
-    only: tuple[str, ...] = (),
 ) -> None:
     """Fire, compare and draw.
 
     Parameters
     ----------
     folder
-        Folder for tables and figure.
+        Folder for table and figure.
     histories
         Folder of `texture_histories.py`.
     speeds
         Speeds in mm/s.
-    only
-        Drives of SA1 that are compared, all unless named.
     """
     folder.mkdir(parents=True, exist_ok=True)
     kept = [Kept.of(path) for path in sorted(histories.glob("*.npz"))]
-    solid = [one for one in kept if one.serves("SA1")]
-    rates = {kind: np.array([mean_rates(kept, kind, speed) for speed in speeds]) for kind in KINDS}
+    rates = {kind: np.array([mean_rates(kept, kind, speed) for speed in speeds]) for kind in DRIVES}
     write_table(folder / "rates.csv", list(rows_of(rates, kept, speeds)))
     print_rates(rates, kept, speeds)
     print_claims(rates, kept, speeds)
-    felt = {name: one for name, one in drives().items() if not only or name in only}
-    driven = list(by_drive(felt, solid))
-    write_table(folder / "drives.csv", [one.row() for one in driven])
-    print_drives(driven, middle_of(solid).name)
-    draw(folder / "textures.png", rates, kept, driven)
+    draw(folder / "textures.png", rates, [one.name for one in kept])
+
+
+def recorded() -> dict[str, Array]:
+    """Return the recorded rates of each kind, spikes/s, on all surfaces in their order."""
+    return {kind: recorded_on_textures(kind) for kind in DRIVES}
 
 
 def rows_of(rates: RatesOf, kept: Sequence[Kept], speeds: Sequence[float]) -> Iterator[Rate]:
@@ -249,7 +186,6 @@ def print_claims(rates: RatesOf, kept: Sequence[Kept], speeds: Sequence[float]) 
         found = {
             f"{one.name} {speed:g}": claim.of(rates[claim.kind][i, j], rates["SA1"][i, j])
             for j, one in enumerate(kept)
-            if one.serves(claim.kind)
             for i, speed in enumerate(speeds)
         }
         found = {where: value for where, value in found.items() if np.isfinite(value)}
@@ -261,127 +197,31 @@ def print_claims(rates: RatesOf, kept: Sequence[Kept], speeds: Sequence[float]) 
         )
 
 
-# %% [markdown]
-# Each drive has its own gain, compression and adaptation, fitted to bar and spheres, once with
-# compression and once without. Points of a cluster share the constants of the average over
-# 0.25 mm. A difference is zero under the middle of a sphere, so it is fitted to the bar alone.
-
-
 # %%
-def by_drive(felt: dict[str, Felt], kept: Sequence[Kept]) -> Iterator[Driven]:
-    """Yield the rates of every drive at 80 mm/s."""
-    both = [one for one in kept if {"grating_3", "dots_2"} <= set(one.surfaces)]
-    for name, drive in felt.items():
-        for linear in (False, True):
-            neuron, *r2 = drive.fitted(linear)
-            rates = mean_rates(both, "SA1", DRIVES_MM_S, key=drive.key, neuron=neuron)
-            law = "linear" if linear else "compressed"
-            for one, own in zip(both, rates, strict=True):
-                dots, grating = (one.get(on, drive.key).mean() for on in ("dots_2", "grating_3"))
-                yield Driven(name, law, *r2, one.name, own, float(dots / grating))
-
-
-def print_drives(some: Sequence[Driven], middle: str) -> None:
-    """Print rates in the middle condition by each drive, and a ratio in all conditions."""
-    target = recorded()["SA1"]
-    print(
-        f"\n{f'SA1, {middle}, {DRIVES_MM_S:g} mm/s':40s}R2 of bar, spheres  r    {'':3s}"
-        + " ".join(NAMES)
-    )
-    print(f"{'recorded':69s}" + "".join(f"{rate:5.0f}" for rate in target))
-    for one in some:
-        if one.histories == middle:
-            of = f"{one.drive}, {one.law}"
-            known = f"{one.r2_bar:8.2f}{one.r2_spheres:8.2f}{one.r:8.2f}"
-            print(f"{of:40s}{known:29s}" + "".join(f"{rate:5.0f}" for rate in one.rates))
-    wanted = ratio("dots_2", "grating_3")(target, target)
-    each = ", ".join(dict.fromkeys(one.histories for one in some))
-    print(f"\n2 mm dots over 3 mm grating; recorded {wanted:.1f}; in {each}")
-    dots, grating = NAMES.index("dots_2"), NAMES.index("grating_3")
-    for name, law in dict.fromkeys((one.drive, one.law) for one in some):
-        own = [one for one in some if (one.drive, one.law) == (name, law)]
-        each = ", ".join(f"{one.ratio:.1f} (drive {one.ratio_of_drive:.1f})" for one in own)
-        rates = np.array([one.rates for one in own])
-        apart = f"{rates[:, dots].max():.0f} over {rates[:, grating].min():.0f} spikes/s"
-        print(f"{name}, {law}: {each}; {apart} if heights and forces are not the same")
-
-
-# %%
-def draw(picture: Path, rates: RatesOf, kept: Sequence[Kept], driven: Sequence[Driven]) -> None:
-    """Draw rates beside recorded ones, and the ratios that drives make."""
-    figure = Figure(figsize=(12, 3.8), layout="constrained")
-    *panels, last = figure.subplots(1, 4, width_ratios=(1, 1, 1, 1.1))
-    middle = middle_of([one for one in kept if one.serves("SA1")])
-    for axes, kind in zip(panels, KINDS, strict=True):
-        serving = [one.serves(kind) for one in kept]
-        shown = [one.serves("PC") if kind == "PC" else one is middle for one in kept]
-        draw_kind(axes, rates[kind][:, serving], rates[kind][:, shown], recorded()[kind])
-        axes.set_title(kind)
-    panels[0].set_ylabel("Mean rate (spikes/s)")
-    for one in driven:
-        shown = (one.drive, one.law, one.histories) == (*SHARPEST, middle.name)
-        if shown:
-            label = f"{one.drive}, {one.law}"
-            draw_line(panels[0], one.rates, "^:", color=ORANGE, ms=4, label=label)
-    panels[0].legend(frameon=False, fontsize=7, loc="upper left")
-    panels[0].set_ylim(0, 1.5 * panels[0].get_ylim()[1])
-    draw_drives(last, driven, middle.name)
+def draw(picture: Path, rates: RatesOf, names: Sequence[str]) -> None:
+    """Draw rates as recorded, those of the variants behind them, beside recorded ones."""
+    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    for axes, kind in zip(figure.subplots(1, 3), DRIVES, strict=True):
+        own = rates[kind].transpose(1, 0, 2)  # (files, speeds, surfaces)
+        middle = own[names.index(AS_RECORDED) if AS_RECORDED in names else 0]
+        for variant in own.reshape(-1, 8):
+            draw_line(axes, variant, "-", color=BLUE, alpha=0.15)
+        draw_line(axes, middle[len(middle) // 2], "s-", color=BLUE, label="model")
+        draw_line(axes, recorded()[kind], "o--", color=INK, mfc="white", label="recorded")
+        periods = [name.split("_")[1] for name in NAMES]
+        axes.set_xticks([0, 1, 2, 3, 5, 6, 7, 8], periods)
+        axes.set(xlabel="Period (mm): gratings, dots", title=kind, ylim=(0, None))
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.axes[0].set_ylabel("Mean rate (spikes/s)")
+    figure.axes[0].legend(frameon=False, fontsize=8, loc="upper left")
     figure.savefig(picture, dpi=120)
 
 
-def middle_of(kept: Sequence[Kept]) -> Kept:
-    """Return the file of the middle height and force, of the finer mesh if it has all surfaces."""
-    whole = {one.name: one for one in kept if len(one.surfaces) == len(NAMES)}
-    return whole.get(FINE) or whole.get(COARSE) or kept[0]
-
-
-def draw_line(axes: Axes, rates: Array, style: str, label: str, **how: Any) -> None:
+def draw_line(axes: Axes, rates: Array, style: str, label: str = "", **how: Any) -> None:
     """Draw rates on gratings and on dots as two lines."""
     for number, part in enumerate((GRATINGS, DOTS)):
         at = np.arange(8)[part] + number
         axes.plot(at, rates[part], style, label="" if number else label, **how)
-
-
-def draw_kind(axes: Axes, rates: Array, middle: Array, target: Array) -> None:
-    """Draw the range of the rates, those of the middle condition and the recorded ones."""
-    every = rates.reshape(-1, 8)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # surfaces that no file has
-        low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
-        line = np.nanmean(middle.reshape(-1, 8), axis=0)
-    for number, part in enumerate((GRATINGS, DOTS)):
-        at = np.arange(8)[part] + number
-        label = "" if number else "all heights, forces, speeds"
-        axes.fill_between(at, low[part], high[part], color=BLUE, alpha=0.2, lw=0, label=label)
-    draw_line(axes, line, "s-", color=BLUE, label="0.5 mm, 0.3 N")
-    draw_line(axes, target, "o--", color=INK, mfc="white", label="recorded")
-    periods = [name.split("_")[1] for name in NAMES]
-    axes.set_xticks([0, 1, 2, 3, 5, 6, 7, 8], periods)
-    axes.set_xlabel("Period (mm): gratings, dots")
-    axes.set_ylim(0, None)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def draw_drives(axes: Axes, driven: Sequence[Driven], middle: str) -> None:
-    """Draw for each drive the ratio of rates in all conditions."""
-    names = list(dict.fromkeys(one.drive for one in driven))
-    for one in driven:
-        color = BLUE if one.histories == middle else GREY
-        face = color if one.law == "compressed" else "white"
-        at = names.index(one.drive) + (0.15 if one.law == "linear" else -0.15)
-        axes.plot(one.ratio, at, "o", ms=5, color=color, mfc=face, zorder=3 if color == BLUE else 2)
-    target = dict(zip(NAMES, recorded()["SA1"], strict=True))
-    axes.axvline(target["dots_2"] / target["grating_3"], color=INK, ls="--")
-    axes.plot([], [], "o", color=GREY, label="compressed")
-    axes.plot([], [], "o", color=GREY, mfc="white", label="linear")
-    axes.legend(frameon=False, fontsize=7, loc="lower right")
-    axes.set(xscale="log", xlim=(0.3, 100), title="SA1 by their drive")
-    axes.set_xlabel("2 mm dots over 3 mm grating")
-    axes.set_yticks(range(len(names)), names, fontsize=8)
-    axes.set_xticks([0.5, 1, 2, 5, 10, 20], ["0.5", "1", "2", "5", "10", "20"])
-    axes.minorticks_off()
-    axes.invert_yaxis()
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 # %%

@@ -28,6 +28,8 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "fast_adaptation": _SHARE,
     "fast_adaptation_time_s": _TIME_S,
     "compression_kPa": (1e-6, np.inf),
+    "power": (0.05, 4.0),
+    "drive_threshold_kPa": (0.0, np.inf),
     "intercept_pA": (-np.inf, np.inf),
     **{f"generator_gains_pA_per_kPa[{k}]": _GAIN for k in range(4)},
     **{f"generator_times_s[{k}]": _TIME_S for k in range(3)},
@@ -292,10 +294,11 @@ def _checked(
     for number, recording in enumerate(recordings):
         name = f"recording {number}"
         time, values = checked(recording.time_s, recording.drive, f"{name}: its drive")
+        count = 1 if recording.pooled else values.shape[1]
         if not recording.windows:
             raise StudyError(f"{name} needs a window with rates.")
         for k, window in enumerate(recording.windows):
-            if problem := _invalid(window, time, values.shape[1], neuron):
+            if problem := _invalid(window, time, count, neuron):
                 raise StudyError(f"{name}, window {k}{problem}")
         found.append(recording._replace(time_s=time, drive=values))
     return found

@@ -24,7 +24,7 @@ from tactile_fem.neuron.fields import STANDARD, Field
 from tactile_fem.neuron.membrane import Membrane, Variability
 from tactile_fem.neuron.response import Response
 from tactile_fem.neuron.settings import DEFAULT_NAME, Neuron
-from tactile_fem.neuron.transduction import Varied, held, transduction_of
+from tactile_fem.neuron.transduction import Varied, accustomed, held, transduction_of
 from tactile_fem.runtime.threads import on_one_core
 
 Array = NDArray[Any]
@@ -149,6 +149,15 @@ class Population:
         """
         own = self.transduction or transduction_of(self.neuron)
         return replace(self, transduction=held(own, held_s))
+
+    def accustomed(self, contact_s: float) -> Population:
+        """Return the afferents as if they had met the like of a history before, `contact_s` long.
+
+        So textures are felt that have slid for some time: adaptations begin near the mean of the
+        history, as long as they are slow. Membranes are at rest.
+        """
+        own = self.transduction or transduction_of(self.neuron)
+        return replace(self, transduction=accustomed(own, contact_s))
 
     def fire(self, histories: Histories, units: ArrayLike | None = None) -> Response:
         """Return the spikes of the afferents; raises what `respond` raises.

@@ -14,42 +14,55 @@ DEFAULT_NAME = "SA1"
 # Constants of the models that are not those of the default one. Gains of "hamasaki2020" are fitted
 # to rates under a bar alone (Phillips and Johnson 1981): demos/validation/calibrate.py.
 _CONSTANTS: dict[Any, dict[str, float]] = {
+    "logarithmic": {
+        "static_gain_pA_per_kPa": 10950.0,
+        "adaptation": 0.0212,
+        "adaptation_time_s": 10.0,
+        "fast_adaptation": 0.9512,
+    },
     "hamasaki2020": {
         "static_gain_pA_per_kPa": 170.0,
         "dynamic_gain_pA_s_per_kPa": 25.5,
         "adaptation": 0.45,
         "adaptation_time_s": 0.5,
-    }
+    },
 }
 
 
 class Neuron(Settings):
     """Transduction current and membrane; gains are per kPa, or per unit of another drive."""
 
-    model: Literal["logarithmic", "hamasaki2020", "gerling2018", "band_pass"] = Field(
-        "logarithmic",
-        description="law of transduction: a logarithm of the drive; the linear law of the paper "
-        "(alpha, kappa, beta); a generator function; a rectified band-pass filter, for RA and PC",
+    model: Literal["power", "logarithmic", "hamasaki2020", "gerling2018", "band_pass"] = Field(
+        "power",
+        description="law of transduction: a power of the drive, or a logarithm; the linear law of "
+        "the paper (alpha, kappa, beta); a generator function; a rectified band-pass filter, for "
+        "RA and PC",
     )
-    # alpha, S_0 and both kappa: demos/validation/calibrate.py.
+    # alpha, p and both kappa: demos/validation/calibrate.py.
     static_gain_pA_per_kPa: NonNegative = Field(
-        10950.0, description="alpha; fitted to ramps and holds"
+        594.8, description="alpha; fitted to ramps and holds"
     )
     dynamic_gain_pA_s_per_kPa: NonNegative = Field(
         0.0, description="beta; hamasaki2020 has one, fitted to rates under a bar"
     )
     adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(
-        0.0212, description="kappa; fitted, for hamasaki2020 proposed"
+        0.0958, description="kappa; fitted, for hamasaki2020 proposed"
     )
-    adaptation_time_s: Positive = Field(10.0, description="tau_a; proposed, at least 5 s")
+    adaptation_time_s: Positive = Field(60.0, description="tau_a; proposed")
+    power: Annotated[Finite, Field(ge=0.05, le=4)] = Field(
+        0.436, description="power: p of the drive, which is taken in kPa; fitted"
+    )
+    drive_threshold_kPa: NonNegative = Field(
+        0.0, description="power: D_0, up to which the drive evokes nothing"
+    )
     compression_kPa: Positive = Field(
         0.0380, description="logarithmic: S_0, above which current grows with the logarithm; fitted"
     )
     fast_adaptation: Annotated[Finite, Field(ge=0, le=1)] = Field(
-        0.9512, description="logarithmic: kappa of a second, fast adaptation; fitted"
+        0.9331, description="power, logarithmic: kappa of a second, fast adaptation; fitted"
     )
     fast_adaptation_time_s: Positive = Field(
-        0.01, description="logarithmic: tau_a of the fast adaptation; proposed"
+        0.01, description="power, logarithmic: tau_a of the fast adaptation; proposed"
     )
     intercept_pA: Finite | None = Field(
         None,
@@ -132,7 +145,7 @@ class Neuron(Settings):
     @property
     def lasting_share(self) -> float:
         """Share of the static current that does not adapt."""
-        fast = self.fast_adaptation if self.model == "logarithmic" else 0.0
+        fast = self.fast_adaptation if self.model in ("power", "logarithmic") else 0.0
         return 1 - self.adaptation - fast
 
     @property

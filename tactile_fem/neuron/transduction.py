@@ -16,8 +16,10 @@ from tactile_fem.neuron.settings import Neuron
 
 Array = NDArray[Any]
 Stretch = tuple[Any, Any, Any, Array, Array]
-# Largest distance of a logarithm from the chords that replace it, as a share of its scale.
+# Largest distance of a compressed drive from the chords that replace it, in units of S,
+# for a logarithm of S_0.
 CHORD_ERROR = 0.002
+_PER_STRETCH = 8  # values of S in a stretch, for its mean
 # Values of the filter in a period of its centre frequency; lines between them err by up to 1.2 %.
 _VALUES_PER_PERIOD = 20
 
@@ -41,7 +43,8 @@ class StaticDynamic:
     S is the drive. The intercept I_0 acts only while S > 0, so that a finger at rest is silent:
     where S leaves or reaches zero, for the whole stretch between the two samples; where S changes
     its sign, if its mean there is positive. The adaptation starts at a = 0. S is linear between
-    the samples, so the current is a line and an exponential, and jumps with dS/dt.
+    the samples, so the current is a line and an exponential, and jumps with dS/dt. After a contact
+    of some length with the like of the history, the adaptation starts near the mean of S.
 
     A negative S gives a negative static current, which inhibits; when S returns to zero, the
     adaptation makes the current rebound. I_d responds to any increase.
@@ -55,12 +58,12 @@ class StaticDynamic:
         shares, times = np.array([pair for pair in adapting if pair[0]]).reshape(-1, 2).T
         self._gains, self._times = neuron.static_gain_pA_per_kPa * shares[:, None], times
 
-    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
+    def segments(self, time_s: Array, drive: Array, contact_s: float = 0.0) -> Iterator[Segment]:
         """Yield the current of each stretch in which S is linear."""
         n, gains, times = self._neuron, self._gains, self._times[:, None]
         lasting = n.static_gain_pA_per_kPa - gains.sum()
         intercept = intercept_pA(n)
-        lag = np.tile(-self._compressed(drive[0]), (len(times), 1))  # a - S
+        lag = self._met(time_s, drive, contact_s, times) - self._compressed(drive[0])  # a - S
         for who, start, h, S, end in self._stretches(time_s, drive):
             slope = (end - S) / h
             behind = times * slope
@@ -71,6 +74,32 @@ class StaticDynamic:
             current = ExponentialSum(constant, lasting * slope, -gains * away, self._times)
             yield Segment(start, h, current, who)
             lag[:, who] = away * np.exp(-h / times) - behind
+
+    def current_at(self, at_s: Array, time_s: Array, drive: Array, contact_s: float = 0.0) -> Array:
+        """Return the current at increasing times within a history, (times, receptors).
+
+        S is linear between these times and the samples; at a jump the current is the later one.
+        """
+        n, knots = self._neuron, np.union1d(time_s, at_s)
+        S = self._compressed(np.column_stack([np.interp(knots, time_s, one) for one in drive.T]))
+        h = np.diff(knots)
+        slope = np.diff(S, axis=0) / h[:, None]
+        slope = np.concatenate([slope, slope[-1:]])
+        current = n.static_gain_pA_per_kPa * S + n.dynamic_gain_pA_s_per_kPa * np.maximum(slope, 0)
+        current += intercept_pA(n) * (S + np.concatenate([S[1:], S[-1:]]) > 0)
+        met = self._met(time_s, drive, contact_s, self._times[:, None])
+        for gain, tau, start in zip(self._gains[:, 0], self._times, met, strict=True):
+            current -= gain * _adapted(S, h, tau, start)
+        return current[np.searchsorted(knots, at_s)]
+
+    def _met(self, time_s: Array, drive: Array, contact_s: float, times: Array) -> Array:
+        """Return a after a contact in which S had its mean of the history, (times, receptors)."""
+        if not contact_s:
+            return np.zeros((len(times), drive.shape[1]))
+        h, shares = np.diff(time_s)[:, None], (np.arange(_PER_STRETCH) + 0.5) / _PER_STRETCH
+        inside = (drive[:-1] + share * np.diff(drive, axis=0) for share in shares)
+        S = np.mean([self._compressed(values) for values in inside], axis=0)
+        return -np.expm1(-contact_s / times) * (h * S).sum(axis=0) / h.sum()
 
     def _compressed(self, drive: Array) -> Array:
         """Return S of a drive."""
@@ -83,47 +112,119 @@ class StaticDynamic:
             yield slice(None), time_s[k], h, S[k], S[k + 1]
 
 
-class Logarithmic(StaticDynamic):
-    """Static part of a logarithm of the drive, with a second, fast adaptation.
+def _adapted(S: Array, h: Array, tau: float, start: Array) -> Array:
+    """Return a of ``tau da/dt = S - a`` at the ends of stretches in which S is linear."""
+    from scipy.linalg import solve_banded
 
-    Proposed: currents grow with the logarithm of strain energy density, as the compressive stage
-    of Loomis's tactile letters (1990) and the rates under spheres (Goodwin et al. 1995) suggest::
+    kept = np.exp(-h / tau)
+    late = 1 + tau / h * np.expm1(-h / tau)  # weight of the later S
+    added = late[:, None] * S[1:] + (1 - kept - late)[:, None] * S[:-1]
+    bands = np.ones((2, len(S)))
+    bands[1, :-1] = -kept
+    return solve_banded((1, 0), bands, np.vstack([start, added]))
 
-        S = S_0 ln(1 + D/S_0)
 
-    for a drive D, and -S(-D) where D is negative. S is D where D is much less than S_0.
+class Compressive(StaticDynamic):
+    """Static part of a compressed drive, with a second, fast adaptation.
 
-    D is linear between the samples, S is not: a stretch is divided, for each receptor separately,
-    until chords of S are off by at most 0.002 S_0.
+    The drive is linear between the samples, the compressed one is not: a stretch is divided, for
+    each receptor separately, into equal increments of a measure of the drive, so short that chords
+    are off by at most 0.002 units of S.
     """
 
-    def __init__(self, neuron: Neuron) -> None:
+    def __init__(self, neuron: Neuron, chord: float) -> None:
+        """Take the distance of a chord of S, in its units, over an increment of 1."""
         super().__init__(neuron, [(neuron.fast_adaptation, neuron.fast_adaptation_time_s)])
-        self._scale = neuron.compression_kPa
+        self._longest = float(np.sqrt(CHORD_ERROR / chord))
+
+    def _measure(self, drive: Array) -> Array:
+        """Return the measure of a drive, of which equal increments have chords equally far off."""
+        raise NotImplementedError
+
+    def _drive(self, measure: Array) -> Array:
+        """Return the drive of a measure."""
+        raise NotImplementedError
+
+    def _of_measure(self, measure: Array) -> Array:
+        """Return S of a measure."""
+        raise NotImplementedError
 
     def _compressed(self, drive: Array) -> Array:
-        return np.sign(drive) * self._scale * np.log1p(np.abs(drive) / self._scale)
-
-    def _drive(self, S: Array) -> Array:
-        return np.sign(S) * self._scale * np.expm1(np.abs(S) / self._scale)
+        return self._of_measure(self._measure(drive))
 
     def _stretches(self, time_s: Array, drive: Array) -> Iterator[Stretch]:
-        """Divide stretches into equal increments of S; a chord over x S_0 is off by x^2/8 S_0."""
-        longest = np.sqrt(8 * CHORD_ERROR) * self._scale
-        for who, start, h, S, end in super()._stretches(time_s, drive):
-            chords = np.abs(end - S) / longest
-            if chords.max(initial=0.0) <= 1.0:
-                yield who, start, h, S, end
+        """Divide stretches into equal increments of the measure."""
+        measure = self._measure(drive)
+        for k, h in enumerate(np.diff(time_s)):
+            start, away = measure[k], measure[k + 1] - measure[k]
+            chords = np.maximum(np.abs(away) / self._longest, 1.0)
+            if chords.max(initial=1.0) == 1.0:
+                ends = self._of_measure(measure[k : k + 2])
+                yield slice(None), time_s[k], h, *ends
                 continue
-            parts = 2 ** np.ceil(np.log2(np.maximum(chords, 1.0))).astype(int)
+            parts = 2 ** np.ceil(np.log2(chords)).astype(int)
             for count in np.unique(parts):
                 mine = np.flatnonzero(parts == count)
                 share = np.arange(count + 1)[:, None] / count
-                levels = S[mine] + share * (end - S)[mine]
-                risen = self._drive(levels) - self._drive(S[mine])
-                at = h * (risen / risen[-1] if count > 1 else share)
+                levels = start[mine] + share * away[mine]
+                risen = self._drive(levels) - self._drive(start[mine])
+                at, S = h * (risen / risen[-1] if count > 1 else share), self._of_measure(levels)
                 for j in range(count):
-                    yield mine, start + at[j], at[j + 1] - at[j], levels[j], levels[j + 1]
+                    yield mine, time_s[k] + at[j], at[j + 1] - at[j], S[j], S[j + 1]
+
+
+class Power(Compressive):
+    """A power of the drive above a threshold.
+
+    Proposed: with the power fitted to the rates of monkeys' afferents, as Stevens's law has one for
+    what people feel::
+
+        S = max(D - D_0, 0)^p
+
+    for a drive D in its unit, such as kPa, of which S is taken to be as well. Where D is below the
+    threshold D_0, it evokes nothing. The measure is the square root of S, of which increments x
+    have chords that are off by (1/p - 1)/2 x^2, and by x^2/4 at the threshold.
+    """
+
+    def __init__(self, neuron: Neuron) -> None:
+        super().__init__(neuron, max(0.25, abs(1 / neuron.power - 1) / 2))
+        self._threshold, self._half = neuron.drive_threshold_kPa, neuron.power / 2
+
+    def _measure(self, drive: Array) -> Array:
+        above = drive - self._threshold
+        return np.sign(above) * np.abs(above) ** self._half
+
+    def _drive(self, measure: Array) -> Array:
+        return self._threshold + np.sign(measure) * np.abs(measure) ** (1 / self._half)
+
+    def _of_measure(self, measure: Array) -> Array:
+        return np.maximum(measure, 0.0) ** 2
+
+
+class Logarithmic(Compressive):
+    """A logarithm of the drive.
+
+    Proposed: currents grow with the logarithm of strain energy density, as the compressive stage
+    of Loomis's tactile letters (1990) suggests::
+
+        S = S_0 ln(1 + D/S_0)
+
+    for a drive D, and -S(-D) where D is negative. S is D where D is much less than S_0. The measure
+    is S/S_0, of which increments x have chords that are off by x^2/8 S_0.
+    """
+
+    def __init__(self, neuron: Neuron) -> None:
+        super().__init__(neuron, 1 / 8)
+        self._scale = neuron.compression_kPa
+
+    def _measure(self, drive: Array) -> Array:
+        return np.sign(drive) * np.log1p(np.abs(drive) / self._scale)
+
+    def _drive(self, measure: Array) -> Array:
+        return np.sign(measure) * self._scale * np.expm1(np.abs(measure))
+
+    def _of_measure(self, measure: Array) -> Array:
+        return self._scale * measure
 
 
 class GeneratorFunction:
@@ -260,6 +361,23 @@ class Adaptation:
                 yield segment
 
 
+@dataclass(frozen=True, eq=False)
+class Accustomed:
+    """Transduction of afferents that have met the like of a history for `contact_s` before."""
+
+    own: StaticDynamic
+    contact_s: float
+
+    def segments(self, time_s: Array, drive: Array) -> Iterator[Segment]:
+        """Yield the current; adaptations begin near the mean of the history."""
+        return self.own.segments(time_s, drive, self.contact_s)
+
+
+def accustomed(own: Transduction, contact_s: float) -> Transduction:
+    """Return a transduction after a contact; one without slow adaptations is not changed."""
+    return Accustomed(own, contact_s) if isinstance(own, StaticDynamic) else own
+
+
 def held(own: Transduction, held_s: float) -> Transduction:
     """Return a transduction adapted to the first value; a band-pass has always met it."""
     return own if isinstance(own, BandPass) else Adaptation(own, held_s)
@@ -286,6 +404,7 @@ class Varied:
 _MODELS: dict[str, Callable[[Neuron], Transduction]] = {
     "hamasaki2020": StaticDynamic,
     "gerling2018": GeneratorFunction,
+    "power": Power,
     "logarithmic": Logarithmic,
     "band_pass": BandPass,
 }
