@@ -125,7 +125,8 @@ def reference(time, sed, n, unit):
             parts = (max(k * e, 0.0) for k, e in zip(gains, state, strict=True))
             return rest + lasting * s + sum(parts)
         static = n.static_gain_pA_per_kPa * (s - n.adaptation * state[0] - fast * state[1])
-        return rest + static + n.dynamic_gain_pA_s_per_kPa * max(slope, 0.0)
+        total = rest + static + n.dynamic_gain_pA_s_per_kPa * max(slope, 0.0)
+        return max(total, 0.0) if power else total
 
     def change(t, y):
         s = sed[k] + slope * (t - time[k])
@@ -183,9 +184,10 @@ def test_a_compressed_drive_is_as_exact_as_its_chords(monkeypatch, n):
         monkeypatch.setattr(transduction, "CHORD_ERROR", chord)
         spikes = respond(time, sed, n).spikes
         assert [len(times) for times in spikes] == [len(times) for times in expected]
-        worst.append(max(np.abs(a - b).max() for a, b in zip(spikes, expected, strict=True)))
+        away = [np.abs(a - b) for a, b in zip(spikes, expected, strict=True)]
+        worst.append(np.quantile(np.concatenate(away), 0.9))  # some just reach the threshold
     assert min(map(len, expected)) > 15
-    assert worst[0] < 5e-4
+    assert worst[0] < 1e-4
     assert worst[1] < 0.05 * worst[0]
 
 
@@ -221,12 +223,12 @@ def test_the_current_at_times_is_that_of_the_stretches(n, contact_s):
 
 def test_a_long_contact_leaves_what_changes_and_what_does_not_adapt():
     """Adapted for long, an afferent has the mean of its history behind it."""
-    n = POWERS[0].model_copy(update={"adaptation": 0.3, "adaptation_time_s": 60.0})
+    n = POWERS[0].model_copy(update={"adaptation": 0.1, "adaptation_time_s": 60.0})
     time = np.linspace(0.0, 2.0, 401)
-    drive = 1 + 0.5 * np.sin(2 * np.pi * 5 * time)[:, None]
+    drive = 1 + 0.1 * np.sin(2 * np.pi * 5 * time)[:, None]
     S = drive**n.power
-    fresh, used = (current_at(time[1:], time, drive, n, s).mean() for s in (0.0, 1e4))
-    assert fresh - used == pytest.approx(n.static_gain_pA_per_kPa * 0.3 * S.mean(), rel=0.02)
+    fresh, used = (current_at(time[200:], time, drive, n, s).mean() for s in (0.0, 1e4))
+    assert fresh - used == pytest.approx(n.static_gain_pA_per_kPa * 0.1 * S.mean(), rel=0.04)
     population = Population(neuron=n)
     histories = {"time_s": time, "sed_kPa": drive}
     counts = [one.fire(histories).counts().sum() for one in (population, population.accustomed(30))]
@@ -248,6 +250,19 @@ def test_a_logarithm_leaves_a_weak_drive_as_it_is_and_answers_to_ratios_of_a_str
     n = n.model_copy(update={"static_gain_pA_per_kPa": 1000.0})
     currents = current_at(np.array([1.0]), *constant([10.0, 20.0, 40.0], 2.0), n)[0]
     assert np.diff(currents) == pytest.approx(300.0 * 0.2 * np.log(2), rel=0.02)
+
+
+def test_a_current_that_adaptation_makes_negative_is_none():
+    """After a release nothing holds the membrane back: it answers to the next press as at rest."""
+    time = np.array([0.0, 0.05, 0.5, 0.51, 0.515, 0.52, 1.0])
+    sed = np.array([0.0, 4.0, 4.0, 0.0, 0.0, 4.0, 4.0])[:, None]
+    n = POWERS[0]
+    assert current_at(np.array([0.512]), time, sed, n)[0, 0] == 0.0
+    linear = n.model_copy(update={"model": "logarithmic", "compression_kPa": 1e6})
+    assert current_at(np.array([0.512]), time, sed, linear)[0, 0] < -50.0
+    (times,) = respond(time, sed, n).spikes
+    assert not ((times > 0.511) & (times < 0.515)).any()
+    assert times[times > 0.515][0] < 0.525
 
 
 def test_adaptation_as_fast_as_the_membrane():

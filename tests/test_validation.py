@@ -259,6 +259,8 @@ def test_what_textures_are_felt_as(tmp_path):
     assert run(*command) == ""  # what exists is not computed again
 
 
+@pytest.mark.slow
+@needs_gmsh
 def test_strains(tmp_path):
     options = "--forces", "0.005", "--edge-force", "0.005", "--pad-size", "0.1175"
     output = run("validation/strains.py", str(tmp_path), *options)

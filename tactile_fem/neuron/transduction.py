@@ -112,6 +112,24 @@ class StaticDynamic:
             yield slice(None), time_s[k], h, S[k], S[k + 1]
 
 
+def rectified(segment: Segment) -> Iterator[Segment]:
+    """Yield a segment in parts, with zero in place of negative currents."""
+    start, length, current, who = segment
+    low, _ = current.bounds(length)
+    if (low >= 0).all():
+        yield segment
+        return
+    start, h = (np.broadcast_to(values, low.shape) for values in (start, length))
+    numbers = np.arange(len(low)) if isinstance(who, slice) else who
+    for begin, until in pairwise([np.zeros_like(h), *current.zeros(h), h]):
+        (some,) = np.nonzero(until > begin)
+        if some.size:
+            part = current.of(some).from_(begin[some])
+            left = (until - begin)[some]
+            signed = part.scaled((part.at(0.5 * left) > 0).astype(float))
+            yield Segment((start + begin)[some], left, signed, numbers[some])
+
+
 def _adapted(S: Array, h: Array, tau: float, start: Array) -> Array:
     """Return a of ``tau da/dt = S - a`` at the ends of stretches in which S is linear."""
     from scipy.linalg import solve_banded
@@ -182,13 +200,23 @@ class Power(Compressive):
         S = max(D - D_0, 0)^p
 
     for a drive D in its unit, such as kPa, of which S is taken to be as well. Where D is below the
-    threshold D_0, it evokes nothing. The measure is the square root of S, of which increments x
-    have chords that are off by (1/p - 1)/2 x^2, and by x^2/4 at the threshold.
+    threshold D_0, it evokes nothing. A current that adaptation would make negative is zero:
+    channels that close do not hyperpolarize the membrane. The measure is the square root of S, of
+    which increments x have chords that are off by (1/p - 1)/2 x^2, and by x^2/4 at the threshold.
     """
 
     def __init__(self, neuron: Neuron) -> None:
         super().__init__(neuron, max(0.25, abs(1 / neuron.power - 1) / 2))
         self._threshold, self._half = neuron.drive_threshold_kPa, neuron.power / 2
+
+    def segments(self, time_s: Array, drive: Array, contact_s: float = 0.0) -> Iterator[Segment]:
+        """Yield the current, divided where it reaches or leaves zero."""
+        for segment in super().segments(time_s, drive, contact_s):
+            yield from rectified(segment)
+
+    def current_at(self, at_s: Array, time_s: Array, drive: Array, contact_s: float = 0.0) -> Array:
+        """Return the current, which is never negative."""
+        return np.maximum(super().current_at(at_s, time_s, drive, contact_s), 0.0)
 
     def _measure(self, drive: Array) -> Array:
         above = drive - self._threshold
