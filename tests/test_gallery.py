@@ -136,7 +136,7 @@ def test_passes_are_read_from_the_archive(run, tmp_path):
     population = number(r"51 receptors, one pass: .* r = ([\d.]+)", output)
     fibre = number(r"one receptor, 25 passes: .* r = ([\d.]+)", output)
     assert population == pytest.approx(0.607, abs=0.01)  # firing follows the shape of the letter
-    assert fibre == pytest.approx(0.718, abs=0.01)
+    assert fibre == pytest.approx(0.755, abs=0.01)
     assert (tmp_path / "out" / "passes.png").is_file()
 
 
@@ -159,7 +159,7 @@ def test_alphabet(run, tmp_path):
     """Without noise the reader knows every letter, also those that people confuse."""
     short = {
         "from string import ascii_uppercase as letters": "letters = 'CFGIJOQ'",
-        "NOISE_HZ = 10, 5, 630.0": "NOISE_HZ = 2, 1, 0.0",
+        "NOISE_HZ = 10, 5, 370.0": "NOISE_HZ = 2, 1, 0.0",
     }
     assert "100 % of 14 recognized" in run("alphabet", short=short)
     assert (tmp_path / "out" / "alphabet.png").is_file()
@@ -289,6 +289,7 @@ FEW_HOLDS = {
     "(0.01, 6), (0.04, 6), (0.15, 6), (0.6, 6), (4.2, 6)": "(0.01, 2), (0.04, 2), (0.15, 3)",
     "Window(2.0, 5.0, 0.0)": "Window(0.1, 0.2, 0.0)",
     "step_mm=0.05": "step_mm=0.3",
+    "pA_per_kPa=1250.0": "pA_per_kPa=4e3",  # few elements feel little
     # Half a minute of compilation less than with four tissues that relax.
     "tissue.relaxation=none,fingerpad": "tissue.subcutaneous.g=[1e-9],[0.5]",
     "*sys.argv": '"tissue.subcutaneous.tau_s=[0.05]", *sys.argv',

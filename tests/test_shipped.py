@@ -38,6 +38,20 @@ def test_the_papers_study_has_its_values_and_differs_where_it_says():
     assert changed == {"finger", "tissue", "neuron"}
 
 
+def test_the_monkeys_finger_is_the_default_one_made_smaller_and_stiffer():
+    monkey, human = load_study("macaque"), Study()
+    lengths = {key for (key, *_) in human.finger.size_keys()}
+    for key in lengths:
+        there, here = getattr(human.finger, key), getattr(monkey.finger, key)
+        assert here == pytest.approx(9 / 16 * there, rel=0.005), key
+    for layer in ("stratum_corneum", "epidermis", "dermis", "subcutaneous"):
+        there, here = (getattr(study.tissue, layer) for study in (human, monkey))
+        for name in ("C10_MPa", "C20_MPa", "C30_MPa"):
+            assert getattr(here, name) == pytest.approx(10 / 3 * getattr(there, name), rel=0.001)
+        assert here.D1_per_MPa == pytest.approx(0.3 * there.D1_per_MPa, rel=0.001)
+    assert monkey.neuron == human.neuron and monkey.receptors.below_skin_mm is None
+
+
 def test_a_shipped_study_takes_overrides_and_equals_its_copy():
     assert load_study("hamasaki2020", ["stimulus.text=EFG"]).stimulus.text == "EFG"
     assert exit_code_of(app, ["init", "mine.toml", "--study", "hamasaki2020"]) == 0
@@ -53,7 +67,9 @@ def test_a_file_of_that_name_takes_precedence_and_a_folder_does_not():
 
 
 def test_an_unknown_name_is_answered_by_the_shipped_ones(capsys):
-    with pytest.raises(StudyError, match=r"^There is no study file hamasaki; .* hamasaki2020\.$"):
+    with pytest.raises(
+        StudyError, match=r"^There is no study file hamasaki; .* hamasaki2020, macaque\.$"
+    ):
         load_study("hamasaki")
     assert exit_code_of(app, ["mesh", "hamasaki"]) == 2
     assert capsys.readouterr().err.count("hamasaki2020") == 1

@@ -5,14 +5,14 @@ Recognizing letters in spikes
 Each letter of the alphabet is scanned once. Its history of strain energy density drives ten
 populations with varying gains (by 30 %) and thresholds (by 10 %). A reader compares each image of
 firing with the mean images of the letters over the other populations, allowing shifts of 1 mm.
-Without noise it would recognize every letter; with noise of 630 spikes/s in each pixel it
+Without noise it would recognize every letter; with noise of 370 spikes/s in each pixel it
 recognizes half of them, as naive people do (`Vega-Bermudez et al. 1991
 <https://doi.org/10.1152/jn.1991.65.3.531>`_).
 
 .. figure:: /pictures/alphabet.png
 
    Left: mean images of firing. Right: how often a letter (row) is taken for another (column).
-   Of 1,300 images 50 % are recognized; I and J are confused in 27 %, O and Q in 25 %.
+   Of 1,300 images 49 % are recognized; I and J, O and Q are confused in 31 %.
 
 Expected time: 1 minute if ``demos/gallery/scans.zip`` of the repository lies beside the script or
 notebook; without it, or with changes, two hours for 26 scans.
@@ -51,7 +51,7 @@ neuron = members[0].study.neuron
 # %%
 # The k-th images of all letters come from one population, which the templates must not contain.
 
-POPULATIONS, READINGS, NOISE_HZ = 10, 5, 630.0
+POPULATIONS, READINGS, NOISE_HZ = 10, 5, 370.0
 rates = np.empty(0)
 for number, results in enumerate(scans):
     for k in range(POPULATIONS):

@@ -8,7 +8,7 @@ al. (2020) found, because receptors at the side of a round finger carry less loa
 
 .. figure:: /pictures/passes.png
 
-   The image of one fibre correlates with the outline by 0.718, that of the population by 0.607.
+   The image of one fibre correlates with the outline by 0.755, that of the population by 0.615.
 
 Expected time: seconds if ``demos/gallery/scans.zip`` of the repository lies beside the script or
 notebook; without it, or with changes, one hour for 25 scans.

@@ -136,7 +136,7 @@ def experiments(monkey: Study, human: Study, step: float) -> dict[str, tuple[Stu
         deep = study_of_press(human, step, punch(radius), slow_to(DEEP_MM), cross(0.1))
         found[f"punch_{radius:g}"] = deep, Parts()
     letters = populations({"spacing_mm": 1.0, "half_width_mm": 5.0})
-    found["letters"] = human.model_copy(update={"afferents": letters}), Parts()
+    found["letters"] = Study(finger=human.finger, afferents=letters), Parts()
     return found
 
 

@@ -24,7 +24,7 @@ PositiveFloat = Annotated[float, Parameter(validator=validators.Number(gt=0))]
 StudyFile = Annotated[
     Path | None,
     Parameter(
-        help="Study file in TOML, or the shipped study hamasaki2020; by default, default values."
+        help="Study file in TOML, or a shipped study, hamasaki2020 or macaque; else default values."
     ),
 ]
 Changes = Annotated[
