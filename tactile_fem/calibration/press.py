@@ -29,7 +29,7 @@ logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
-_PROFILE_MM, _PROFILE_POINTS = 8.0, 321  # half the length of the line of skin that is read
+_BEYOND_MM, _PROFILE_POINTS = 1.0, 321  # of the line of skin that is read, beyond the farthest
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,8 @@ def _line_of_skin(simulation: Simulation, experiment: Experiment) -> SkinSurface
     if experiment.is_force.all():
         return None
     xy = np.zeros((_PROFILE_POINTS, 2))
-    xy[:, _axis(experiment)] = np.linspace(-_PROFILE_MM, _PROFILE_MM, _PROFILE_POINTS)
+    reach = np.nanmax(np.abs(experiment.place_mm)) + _BEYOND_MM
+    xy[:, _axis(experiment)] = np.linspace(-reach, reach, _PROFILE_POINTS)
     return SkinSurface(simulation.finger, xy)
 
 
