@@ -11,6 +11,7 @@ from tactile_fem.neuron import (
     ExponentialSum,
     Population,
     Response,
+    compressive,
     current_at,
     load,
     respond,
@@ -180,8 +181,8 @@ def test_a_compressed_drive_is_as_exact_as_its_chords(monkeypatch, n):
     time, sed = history(3, 25)
     expected = [reference(time, column, n, 0) for column in sed.T]
     worst = []
-    for chord in (transduction.CHORD_ERROR, 0.01 * transduction.CHORD_ERROR):
-        monkeypatch.setattr(transduction, "CHORD_ERROR", chord)
+    for chord in (compressive.CHORD_ERROR, 0.01 * compressive.CHORD_ERROR):
+        monkeypatch.setattr(compressive, "CHORD_ERROR", chord)
         spikes = respond(time, sed, n).spikes
         assert [len(times) for times in spikes] == [len(times) for times in expected]
         away = [np.abs(a - b) for a, b in zip(spikes, expected, strict=True)]

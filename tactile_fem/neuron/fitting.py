@@ -15,7 +15,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron.drives import checked
 from tactile_fem.neuron.rates import Recording, Window, modelled_rates
 from tactile_fem.neuron.settings import Neuron
-from tactile_fem.neuron.transduction import intercept_pA
+from tactile_fem.neuron.static import intercept_pA
 
 Array = NDArray[Any]
 _GAIN, _SHARE, _TIME_S, _FACTOR = (0.0, np.inf), (0.0, 1.0), (1e-3, 1e3), (1e-3, 1e3)

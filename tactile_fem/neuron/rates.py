@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.neuron.settings import Neuron
-from tactile_fem.neuron.transduction import StaticDynamic, transduction_of
+from tactile_fem.neuron.static import StaticDynamic
+from tactile_fem.neuron.transduction import transduction_of
 
 Array = NDArray[Any]
 _SAMPLES_PER_WINDOW = 200  # at which the current is evaluated
