@@ -26,7 +26,8 @@
 #     python demos/validation/histories.py results/histories --stimuli bar --pad-size 0.8
 #
 # It writes `bar.npz`, `sphere_521.npz` ... with the columns of `felt_quantities.py`. Those in
-# `histories/` come from the first command: 46 presses of a quarter of a minute to three minutes.
+# `histories/` come from the first command, presses of a quarter of a minute to three minutes, but
+# for letters and punches: these are older scans of the same, without areas and clusters.
 
 # %%
 from collections.abc import Iterable, Iterator

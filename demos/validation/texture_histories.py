@@ -11,6 +11,10 @@
 #     python demos/validation/texture_histories.py results/textures
 #     python demos/validation/texture_histories.py results/quick --conditions 0.74,0.5
 #
+# Files in `histories/textures` come from a finger with 0.3 times the moduli, the default ones, and
+# 0.15 N. It deforms alike, and its forces, energies and stresses were multiplied by 10/3; those of
+# 0.5 mm were not: they are of the study itself.
+#
 # Folders of scans lie in `results/textures/scans`; what is kept, beside them.
 
 # %%

@@ -154,7 +154,8 @@ class Population:
         """Return the afferents as if they had met the like of a history before, `contact_s` long.
 
         So textures are felt that have slid for some time: adaptations begin near the mean of the
-        history, as long as they are slow. Membranes are at rest.
+        history, as long as they are slow. Membranes are at rest. A generator function, a band-pass
+        and your own transduction are not changed.
         """
         own = self.transduction or transduction_of(self.neuron)
         return replace(self, transduction=accustomed(own, contact_s))

@@ -168,7 +168,7 @@ class Accustomed:
 
 
 def accustomed(own: Transduction, contact_s: float) -> Transduction:
-    """Return a transduction after a contact; one without slow adaptations is not changed."""
+    """Return a transduction after a contact; only static parts are changed by it."""
     return Accustomed(own, contact_s) if isinstance(own, StaticDynamic) else own
 
 
