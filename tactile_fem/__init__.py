@@ -38,6 +38,7 @@ from tactile_fem.errors import (
 )
 from tactile_fem.runtime import html
 from tactile_fem.runtime.lazy import lazily
+from tactile_fem.runtime.version import this_version
 
 if TYPE_CHECKING:
     from tactile_fem.cli.app import run_script
@@ -138,7 +139,7 @@ __doc__ += "\n".join(f"- {summary}" for summary in companions.summaries())
 
 def __getattr__(name: str) -> Any:
     """Import a public name, or read the version."""
-    return _version() if name == "__version__" else _find(name)
+    return this_version() if name == "__version__" else _find(name)
 
 
 def _shown_results(results: Results) -> str:
@@ -152,12 +153,3 @@ html.shown_results = _shown_results
 
 def __dir__() -> list[str]:
     return [*__all__, "__version__"]
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("tactile-fem")
-    except PackageNotFoundError:
-        return "unknown (not installed)"

@@ -14,6 +14,7 @@ from tactile_fem.calibration.parameters import Parameter, value_at
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.files import write_text
 from tactile_fem.runtime.text import read_text
+from tactile_fem.runtime.version import UNSTATED, this_version, why_unreadable
 from tactile_fem.study import Study
 
 Array = NDArray[np.float64]
@@ -64,14 +65,18 @@ class Posterior:
             for parameter in self.parameters
         ]
         rest = {"x": self.x.tolist(), "covariance": self.covariance.tolist()}
-        write_text(path, json.dumps({"parameters": entries, **rest}, indent=1) + "\n")
+        write_text(
+            path,
+            json.dumps({"version": this_version(), "parameters": entries, **rest}, indent=1) + "\n",
+        )
 
     @classmethod
     def load(cls, path: Path, what: str) -> Posterior:
         """Return that of a file; raise StudyError, which begins with `what`, if it has none."""
-        text = read_text(path, what)
+        text, written_by = read_text(path, what), None
         try:
             saved = json.loads(text, parse_constant=_refuse)
+            written_by = saved.get("version", UNSTATED)
             parameters, start = [], {}
             for entry in saved["parameters"]:
                 powers, own = (_by_keys(entry[name]) for name in ("powers", "start"))
@@ -81,7 +86,8 @@ class Posterior:
             if not parameters or any(p.factor <= 1 or not p.powers for p in parameters):
                 raise ValueError
         except (ValueError, TypeError, KeyError, AttributeError):
-            raise StudyError(f"{what} is no posterior.json as a fit writes it.") from None
+            why = why_unreadable(written_by)
+            raise StudyError(f"{what} is no posterior.json as a fit writes it.{why}") from None
         count = len(parameters)
         if x.shape != (count,) or covariance.shape != (count, count):
             raise StudyError(f"{what} has {count} parameters, but x or covariance of another size.")

@@ -23,6 +23,7 @@ from tactile_fem.errors import TactileError
 from tactile_fem.runtime.files import sha256, write_arrays, write_text
 from tactile_fem.runtime.jobs import ERROR
 from tactile_fem.runtime.ranks import on_root, raise_stopped, signal_handler
+from tactile_fem.runtime.version import this_version
 from tactile_fem.study import Study, content_of, dump_study, load_study, with_files
 
 
@@ -39,7 +40,7 @@ class Task:
         """Name of its file: a hash of everything that determines the press."""
         pressed = dump_study(with_files(study_of(self.study, self.experiment), content_of))
         kept = [one.name for one in fields(Prediction)]
-        text = pressed + self._wanted() + repr(kept) + tactile_fem.__version__ + _hash_of_code()
+        text = pressed + self._wanted() + repr(kept) + this_version() + _hash_of_code()
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def run(self, file: Path, comm: MPI.Comm = MPI.COMM_SELF) -> None:

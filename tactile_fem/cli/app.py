@@ -35,6 +35,12 @@ Without a study file, the letters F G H of the paper are pressed 1.97 mm deep an
     tactile-fem scan study.toml --set stimulus.text=EFG --ranks 2
 """
 
+# What an earlier version had, and what to use instead.
+_REMOVED = {
+    "report": "compare prints the numbers of scans, plot draws them",
+    "export": "demos/verification/deck.py writes input decks",
+    "--task": "run the command with --list, then: tactile-fem cluster",
+}
 _LEAST_COLUMNS = 20  # the help is laid out for ever if there are only a few
 
 app = App(
@@ -60,7 +66,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ["MPLBACKEND"] = "agg"
     if os.environ.get("COLUMNS", "").isdigit() and int(os.environ["COLUMNS"]) < _LEAST_COLUMNS:
         del os.environ["COLUMNS"]
-    return exit_code_of(app, petsc_settings(sys.argv[1:] if arguments is None else arguments))
+    words = petsc_settings(sys.argv[1:] if arguments is None else arguments)
+    for word in words[:1] + words[1:].count("--task") * ["--task"]:
+        if word in _REMOVED:
+            return _report(f"{word} was removed with version 0.2: {_REMOVED[word]}", 2)
+    return exit_code_of(app, words)
 
 
 def run_script(main: Callable[..., object]) -> NoReturn:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.runtime.files import atomic_write, write_text
+from tactile_fem.runtime.version import this_version
 
 if TYPE_CHECKING:
     import neo
@@ -216,6 +217,7 @@ def to_nwb(response: Response, path: Path | str, **columns: Sequence[Any]) -> No
         session_description="simulated tactile afferents (tactile-fem)",
         identifier=Path(path).stem,
         session_start_time=_NO_DATE,
+        was_generated_by=[("tactile-fem", this_version())],
         timestamps_reference_time=_NO_DATE - timedelta(seconds=response.start_s),
     )
     for name in columns:

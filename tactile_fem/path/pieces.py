@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -22,6 +23,8 @@ _VIBRATES = "small vibration of the body on top: frequency_Hz, amplitude_mm, dir
 
 class Piece(Kind):
     """Base class of pieces of the path: their keys and motion."""
+
+    former = MappingProxyType(dict.fromkeys(("first_place", "first_turn"), "define first_pose"))
 
     def motion(self, start_mm: Array) -> Motion:
         """Return the motion from where the body is when the piece begins, (3,) in mm."""

@@ -26,6 +26,7 @@ from tactile_fem.results.trace import Trace
 from tactile_fem.runtime import html
 from tactile_fem.runtime.files import atomic_write, write_arrays, write_text
 from tactile_fem.runtime.text import read_rows
+from tactile_fem.runtime.version import why_unreadable
 from tactile_fem.stimulus.sampled import DistanceGrid
 from tactile_fem.study import DEFAULT_NAME, Study
 from tactile_fem.study.file import dump_study, load_study
@@ -156,7 +157,15 @@ class Results(Store):
         try:
             return load_study(self.folder / "study.toml", saved=True)
         except StudyError as error:
-            raise StudyError(f"The study of {self.folder} cannot be used: {error}") from None
+            why = why_unreadable(self._written_by())
+            raise StudyError(f"The study of {self.folder} cannot be used: {error}{why}") from None
+
+    def _written_by(self) -> object:
+        """Return the version that wrote the folder, if it is known."""
+        try:
+            return self.run["versions"]["tactile_fem"]
+        except (StudyError, KeyError, TypeError):
+            return None
 
     @cached_property
     def run(self) -> dict[str, Any]:

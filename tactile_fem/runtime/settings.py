@@ -6,8 +6,10 @@ import inspect
 import json
 import os
 import textwrap
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, Union, get_args
 
 from pydantic import (
@@ -30,6 +32,7 @@ from pydantic_core import CoreSchema, core_schema
 from tactile_fem.runtime import html
 from tactile_fem.runtime.differences import brief
 from tactile_fem.runtime.own_code import MODULE, Code
+from tactile_fem.runtime.version import warn_of_former
 
 # Strict: text such as "0.2 mm" and true or false are not accepted as numbers.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -145,6 +148,8 @@ class Kind(Settings):
 
     kinds: ClassVar[dict[str, type[Kind]]] = {}
     tag: ClassVar[str] = "kind"
+    former: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    """Methods of an earlier version that nobody calls any more, and what to do instead."""
     coded: ClassVar[type[Kind] | None] = None
     """The kind whose tag names code in a file beside the study, if a family has one."""
 
@@ -155,6 +160,8 @@ class Kind(Settings):
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
         super().__pydantic_init_subclass__(**kwargs)
+        for method in cls.former.keys() & vars(cls).keys():
+            warn_of_former(f"{cls.__name__}.{method}", cls.former[method])
         name = cls.model_fields[cls.tag].default if cls.tag in cls.__annotations__ else None
         if isinstance(name, str):
             known = cls.kinds.get(name, cls)

@@ -10,12 +10,12 @@ from typing import Any
 
 from mpi4py import MPI
 
-from tactile_fem import __version__
 from tactile_fem.errors import StudyError
 from tactile_fem.mechanics.rows import Snapshot, gathered
 from tactile_fem.results.results import Results
 from tactile_fem.results.trace import Array
 from tactile_fem.runtime.ranks import on_root
+from tactile_fem.runtime.version import this_version
 from tactile_fem.simulation.parts import changed_part
 from tactile_fem.simulation.simulation import Simulation
 from tactile_fem.study import AFTER_MECHANICS
@@ -69,7 +69,7 @@ def origin_of(simulation: Simulation) -> dict[str, Any]:
     """
     return {
         "format": _FORMAT,
-        "version": __version__,
+        "version": this_version(),
         "study": with_files(simulation.study, lambda _: "file").model_dump_json(exclude=_FREE),
         "mesh": simulation.finger.hash,
         "files": json.dumps(simulation.files),
@@ -109,7 +109,7 @@ def _check_origin(saved: dict[str, Array], simulation: Simulation, file: str) ->
     if int(saved.get("format", 0)) != _FORMAT:
         raise StudyError(
             f"{file} is from {saved.get('version', 'an older version')}. This is tactile_fem "
-            f"{__version__} and cannot continue it: {_ANOTHER_FOLDER}"
+            f"{this_version()} and cannot continue it: {_ANOTHER_FOLDER}"
         )
     if changed := _differences(saved["study"], now["study"]):
         raise StudyError(

@@ -14,7 +14,6 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import common
 
-from tactile_fem import __version__
 from tactile_fem.assembly.compile import compiled_by
 from tactile_fem.neuron import Response
 from tactile_fem.path.rotations import ARM_MM, angle_rad
@@ -24,6 +23,7 @@ from tactile_fem.results.results import Results
 from tactile_fem.results.trace import Array, Trace
 from tactile_fem.runtime import backend
 from tactile_fem.runtime.ranks import on_root
+from tactile_fem.runtime.version import this_version
 from tactile_fem.simulation.cell_fields import CellFields
 from tactile_fem.simulation.checkpoint import Checkpoints, origin_of
 from tactile_fem.simulation.simulation import Observation, Simulation
@@ -181,7 +181,7 @@ def _described(simulation: Simulation) -> dict[str, Any]:
     finger, problem = simulation.finger, simulation.problem
     return {
         "versions": {
-            "tactile_fem": __version__,
+            "tactile_fem": this_version(),
             "dolfinx": backend.DOLFINX_VERSION,
             "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
             "python": platform.python_version(),

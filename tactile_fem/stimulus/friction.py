@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -42,6 +43,7 @@ class Friction(Kind):
     """
 
     tag = "law"
+    former = MappingProxyType({"moved": "define placed"})
     scaled_by: ClassVar[tuple[str, ...]] = ()
     """Keys of numbers to which friction is proportional."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
@@ -44,6 +45,9 @@ class Stimulus(Kind):
     its `shape`.
     """
 
+    former = MappingProxyType(
+        dict.fromkeys(("resolution", "hindrance"), "leave it out, the body is measured")
+    )
     friction: NumberOrLaw = Field(
         0.3, description="paper: Coulomb friction (nylon); or a table with its law"
     )

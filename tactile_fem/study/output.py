@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from pydantic import AliasChoices, Field
+from typing import Any
+
+from pydantic import Field, ValidationInfo, model_validator
 
 from tactile_fem.path.recording import Frame
 from tactile_fem.runtime.settings import File, Positive, Settings
+from tactile_fem.runtime.version import renamed
+
+_FORMER = {"fields_mm": "states_mm", "states": "restarts"}
 
 
 class Output(Settings):
@@ -13,14 +18,12 @@ class Output(Settings):
 
     states_mm: Positive = Field(
         0.4,
-        validation_alias=AliasChoices("states_mm", "fields_mm"),  # its former name
         description="way of the body, down, across or, at 5 mm from its axis, around, between two "
         "states whose fields are kept",
     )
     restarts: bool = Field(
         False,
         strict=True,
-        validation_alias=AliasChoices("restarts", "states"),
         description="keep with each of them all that a restart needs, for vibration there",
     )
     pictures: bool = Field(True, strict=True, description="draw the figures at the end")
@@ -30,3 +33,11 @@ class Output(Settings):
         "in all that the path does not take from it",
     )
     measured_frame: Frame | None = Field(None, description="moves to contact_s, if not followed")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_present_keys(cls, table: Any, info: ValidationInfo) -> Any:
+        is_saved = bool(
+            info.context and info.context.get("saved")
+        )  # results: nothing to write anew
+        return renamed(table, _FORMER, "output", warns=not is_saved)

@@ -18,6 +18,7 @@ __getattr__ = lazily(
         "fast_finger": ["FastFinger", "Loop"],
         "heights": ["HeightMap"],
         "rates": ["Rates"],
-        "stepping": ["BodyState", "Moment"],
+        "stepping": ["BodyState"],
     },
+    former={"Moment": "BodyState"},
 )

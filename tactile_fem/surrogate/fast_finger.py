@@ -19,6 +19,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.neuron import STANDARD, Response, fire_all
 from tactile_fem.runtime.files import write_arrays
 from tactile_fem.runtime.threads import on_one_core
+from tactile_fem.runtime.version import UNSTATED, this_version, why_unreadable
 from tactile_fem.study import Study
 from tactile_fem.surrogate.contact import (
     ACROSS,
@@ -111,6 +112,7 @@ class FastFinger:
         about = {
             "grids": {k: (*g.low_mm, g.spacing_mm, *g.shape) for k, g in grids.items()},
             "drag": (drag.compliance_mm_per_N, drag.exponent, drag.across),
+            "version": this_version(),
             "made_from": self.made_from,
             "errors": self.errors,
         }
@@ -132,10 +134,12 @@ class FastFinger:
             saved = File(file).read_bytes()
         except OSError as error:
             raise StudyError(f"{file} cannot be read: {error.strerror or error}.") from None
+        written_by = None
         try:
             with np.load(io.BytesIO(saved), allow_pickle=False) as opened:
                 arrays = dict(opened)
             about = json.loads(str(arrays["about"]))
+            written_by = about.get("version", UNSTATED)
             grids = {
                 name: Grid((x, y), spacing, (nx, ny))
                 for name, (x, y, spacing, nx, ny) in about["grids"].items()
@@ -156,7 +160,8 @@ class FastFinger:
             plate = HeightMap.of_array(np.zeros((2, 2)), 1.0)
             finger.loop(plate, receptors_mm=[(0.0, 0.0)]).step((0.0, 0.0, 0.1), 1.0)
         except Exception:  # of the archive, its arrays, their sizes or the study
-            raise StudyError(f"{file} holds no reduced finger.") from None
+            why = why_unreadable(written_by)
+            raise StudyError(f"{file} holds no reduced finger.{why}") from None
         return finger
 
     def loop(

@@ -45,9 +45,6 @@ class BodyState:
     is_outside: NDArray[np.bool_]
 
 
-Moment = BodyState  # its earlier name
-
-
 class Row(NamedTuple):
     """A step: when and where it ends, and what is felt then."""
 
