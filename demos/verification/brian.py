@@ -7,7 +7,7 @@
 #
 # Both get the same strain energy density $D$, linear between samples, and integrate
 #
-# $$C \dot V = -V/R + \alpha(S - \kappa_f a_f - \kappa a), \quad S = S_0 \ln(1 + D/S_0), \quad
+# $$C \dot V = -V/R + \alpha\max(S - \kappa_f a_f - \kappa a, 0), \quad S = D^p, \quad
 #   \tau_f \dot a_f = S - a_f, \quad \tau_a \dot a = S - a .$$
 #
 # [Brian2](https://brian2.readthedocs.io) uses steps $\Delta t$. A spike is assigned to the step in
@@ -36,10 +36,10 @@ from tactile_fem.study import Neuron
 NEURON = Neuron()
 _USUAL = 0.99
 EQUATIONS = """
-dv/dt = (-v/R + alpha*(s - kappa_f*a_f - kappa*a)) / C : volt (unless refractory)
+dv/dt = (-v/R + alpha*clip(s - kappa_f*a_f - kappa*a, 0, inf)) / C : volt (unless refractory)
 da_f/dt = (s - a_f) / tau_f : 1
 da/dt = (s - a) / tau_a : 1
-s = scale*log(1 + drive/scale) : 1
+s = clip(drive, 0, inf)**power : 1
 drive = felt(t, i) + slope*(t - sample*int(t/sample + 1e-6)) : 1
 slope = rise(t, i) : hertz
 """
@@ -120,7 +120,7 @@ def with_brian(time: np.ndarray, sed: np.ndarray, step: float) -> tuple[float, l
         "R": n.resistance_GOhm * b.Gohm,
         "C": n.capacitance_pF * b.pF,
         "alpha": n.static_gain_pA_per_kPa * b.pA,
-        "scale": n.compression_kPa,
+        "power": n.power,
         "kappa_f": n.fast_adaptation,
         "tau_f": n.fast_adaptation_time_s * b.second,
         "kappa": n.adaptation,

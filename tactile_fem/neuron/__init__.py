@@ -22,6 +22,7 @@ from tactile_fem.neuron.rates import (
     rate_of,
 )
 from tactile_fem.neuron.response import Response, load, save, to_neo, to_nwb
+from tactile_fem.neuron.sampled import SampledModel
 
 __all__ = [
     "DRIVES",
@@ -40,6 +41,7 @@ __all__ = [
     "RateFit",
     "Recording",
     "Response",
+    "SampledModel",
     "Segment",
     "Transduction",
     "Window",

@@ -154,8 +154,8 @@ class Population:
         """Return the afferents as if they had met the like of a history before, `contact_s` long.
 
         So textures are felt that have slid for some time: adaptations begin near the mean of the
-        history, as long as they are slow. Membranes are at rest. A generator function, a band-pass
-        and your own transduction are not changed.
+        history, as long as they are slow. Membranes are at rest. A band-pass does not adapt.
+        StudyError for a generator function and your own transduction.
         """
         own = self.transduction or transduction_of(self.neuron)
         return replace(self, transduction=accustomed(own, contact_s))
@@ -172,8 +172,11 @@ class Population:
         units
             Other numbers of the afferents, as in `respond`.
         """
-        time, felt = self.felt(histories)
-        return fire(time, felt, self.neuron, self.transduction, units)
+        return self.respond(*self.felt(histories), units)
+
+    def respond(self, time_s: Array, felt: Array, units: ArrayLike | None = None) -> Response:
+        """Return the spikes that what they feel evokes, (t,) and (t, receptors), see `felt`."""
+        return fire(time_s, felt, self.neuron, self.transduction, units)
 
 
 def fire_all(populations: Iterable[Population], histories: Histories) -> Response:

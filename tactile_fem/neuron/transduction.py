@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_fem.errors import StudyError
 from tactile_fem.neuron.compressive import Logarithmic, Power
 from tactile_fem.neuron.currents import ExponentialSum, Segment, Transduction
 from tactile_fem.neuron.settings import Neuron
@@ -168,8 +169,15 @@ class Accustomed:
 
 
 def accustomed(own: Transduction, contact_s: float) -> Transduction:
-    """Return a transduction after a contact; only static parts are changed by it."""
-    return Accustomed(own, contact_s) if isinstance(own, StaticDynamic) else own
+    """Return a transduction after a contact; a band-pass is the same.
+
+    StudyError for one whose adaptation is not known here.
+    """
+    if isinstance(own, BandPass):
+        return own
+    if not isinstance(own, StaticDynamic):
+        raise StudyError(f"How {type(own).__name__} adapts to a contact is not known.")
+    return Accustomed(own, contact_s)
 
 
 def held(own: Transduction, held_s: float) -> Transduction:

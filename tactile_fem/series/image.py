@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron import Population, Response
-from tactile_fem.neuron.population import fire
 from tactile_fem.output.abscissa import Abscissa
 from tactile_fem.results.histories import central_receptor
 from tactile_fem.results.results import Results
@@ -157,7 +156,7 @@ def rate_image(
     window_mm
         Standard deviation of the Gaussian that smooths each spike along the scan.
     """
-    fired = fire(time_s, felt, population.neuron, population.transduction)
+    fired = population.respond(time_s, felt)
     response = Response([times[times >= 0] for times in fired.spikes], 0.0, fired.end_s)
     along = np.arange(0.0, fired.end_s * speed_mm_s + 1e-9, column_mm)
     rate = response.rate(along / speed_mm_s, window_mm / speed_mm_s)
