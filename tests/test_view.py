@@ -14,6 +14,7 @@ from tactile_fem.errors import StudyError
 from tactile_fem.output import pictures
 from tactile_fem.output.annotations import COLOURS
 from tactile_fem.output.film import Film
+from tactile_fem.results.fields import read_series
 from tactile_fem.runtime import doctor
 from tactile_fem.study import Study
 
@@ -253,6 +254,29 @@ def test_a_film_is_written(tmp_path, monkeypatch):
 
 
 @needs_graphics
+def test_all_states_are_written_as_one_film(tmp_path, monkeypatch, capsys):
+    pv = pytest.importorskip("pyvista")
+    results = scan(tmp_path / "r")
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["view", "r", "--save", "film.vtkhdf"]) == 0
+    assert capsys.readouterr().out == "3 states written to film.vtkhdf\n"
+    reader = pv.get_reader("film.vtkhdf")
+    times_s, files = read_series(results.fields)
+    steps = reader.reader
+    steps.UpdateInformation()
+    assert steps.GetNumberOfSteps() == 3
+    for k, file in enumerate(files):
+        steps.SetStep(k)
+        found, kept = reader.read(), pv.read(file)
+        assert steps.GetTimeValue() == times_s[k]
+        assert (found.points == kept.points).all() and (found.celltypes == kept.celltypes).all()
+        assert (found.cell_connectivity == kept.cell_connectivity).all()
+        for arrays, own in ((found.point_data, kept.point_data), (found.cell_data, kept.cell_data)):
+            assert set(own.keys()) == set(arrays.keys())
+            assert all((arrays[name] == own[name]).all() for name in own.keys())
+
+
+@needs_graphics
 @pytest.mark.skipif(find_spec("trame_pyvista") is None, reason="trame-pyvista is not installed")
 def test_a_page_is_written(tmp_path, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -270,12 +294,13 @@ def test_a_page_is_written(tmp_path, monkeypatch):
         (
             ["--save", "scan.avi"],
             2,
-            '--save is "scan.avi" but must end in .gif, .mp4, .png, .html.',
+            '--save is "scan.avi" but must end in .gif, .mp4, .png, .vtkhdf, .html.',
         ),
         (["--save", "no/scan.gif"], 2, '--save is "no/scan.gif" but there is no folder no.'),
         (["--at-mm", "2"], 2, "--at-mm goes with --save to a .png or .html file."),
         (["--at-s", "0", "--save", "a.gif"], 2, "--at-s goes with --save to a .png or .html"),
         (["--at-s", "0", "--at-mm", "0", "--save", "a.png"], 2, "--at-mm and --at-s are both"),
+        (["--show", "sed", "--save", "a.vtkhdf"], 2, "A .vtkhdf file contains all fields"),
         ([], 1, "There is no display for a window"),
         (["--save", "scan.html"], 1, 'pip install "tactile-fem[html]"'),
         (["--save", "scan.mp4"], 1, "pip install imageio-ffmpeg"),

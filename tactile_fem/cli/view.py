@@ -82,8 +82,9 @@ def view(
     Parameters
     ----------
     save
-        Write an animation, .gif or .mp4 (which needs imageio-ffmpeg), a frame, .png, or a page for
-        the browser, .html (which needs the extra html).
+        Write an animation, .gif or .mp4 (which needs imageio-ffmpeg), a frame, .png, a page for the
+        browser, .html (which needs the extra html), or, for ParaView and PyVista, all fields of all
+        kept states, .vtkhdf.
     at_mm
         Displacement of the frame or page; default where what is shown is largest.
     at_s
@@ -99,15 +100,18 @@ def view(
 
     found = Results.open(results)
     plane = found.study.finger.section_plane
-    _check_options(plane, save, {"--at-mm": at_mm, "--at-s": at_s}, vibration)
-    if show is not None and vibration is not None:
-        raise StudyError("--show does not go with --vibration, which shows the amplitude.")
+    _check_options(plane, save, {"--at-mm": at_mm, "--at-s": at_s}, vibration, show)
     modes_file = found.vibration / "modes.npz"
     if vibration is not None and not modes_file.exists():
         raise StudyError(f"{modes_file} is missing: run tactile-fem vibrate {results} first.")
     from tactile_fem.output import pictures
 
     pictures.prepare_drawing(plane, off_screen=save is not None)
+    if save is not None and save.suffix == ".vtkhdf":
+        from tactile_fem.output.vtkhdf import write_states
+
+        print(f"{write_states(found, save)} states written to {save}")
+        return
     if save is None and not has_display():
         raise TactileError(
             "There is no display for a window: write a file instead, --save scan.gif or scan.html."
@@ -135,10 +139,14 @@ def view(
 
 
 def _check_options(
-    plane: Plane, save: Path | None, at: dict[str, float | None], frequency_Hz: float | None
+    plane: Plane,
+    save: Path | None,
+    at: dict[str, float | None],
+    frequency_Hz: float | None,
+    show: str | None,
 ) -> None:
     """Raise errors that can be detected before a graphics library is loaded."""
-    endings = (".gif", ".mp4", ".png", ".html")[: None if plane.is_space else 3]
+    endings = (".gif", ".mp4", ".png", ".vtkhdf", ".html")[: None if plane.is_space else 4]
     if save is not None:
         check_file("--save", save, *endings)
     elif not plane.is_space:
@@ -149,6 +157,12 @@ def _check_options(
         raise StudyError(f"{given[0]} goes with --save to a .png or .html file.")
     if given and frequency_Hz is not None:
         raise StudyError(f"{given[0]} does not go with --vibration, whose state is its own.")
+    if show is not None and frequency_Hz is not None:
+        raise StudyError("--show does not go with --vibration, which shows the amplitude.")
+    if kind == ".vtkhdf" and (show is not None or frequency_Hz is not None):
+        raise StudyError(
+            "A .vtkhdf file contains all fields of the scan: leave out the other options."
+        )
     if len(given) > 1:
         raise StudyError("--at-mm and --at-s are both given, but one of them chooses the frame.")
     if kind == ".html" and find_spec("trame_pyvista") is None:
