@@ -35,7 +35,8 @@ MARKDOWN = [
 ]
 NOTEBOOKS = sorted((PAGES / "tutorials").glob("*.ipynb"))
 SCRIPTS = sorted((ROOT / "demos" / "gallery").glob("*.py"))
-WORDS, CONTRIBUTORS_WORDS = 18_000, 800
+ARTICLE = ROOT / "demos" / "paper" / "paper.md"  # for reviewers
+WORDS, CONTRIBUTORS_WORDS, ARTICLE_WORDS = 18_000, 800, 1_750
 
 
 def prose(file: Path) -> str:
@@ -67,7 +68,20 @@ def commands() -> list[str]:
 def test_all_pages_together_are_short():
     words = {file: len(prose(file).split()) for file in [*MARKDOWN, *NOTEBOOKS, *SCRIPTS]}
     assert words.pop(ROOT / "CONTRIBUTING.md") <= CONTRIBUTORS_WORDS
+    assert 750 <= words.pop(ARTICLE) <= ARTICLE_WORDS
     assert sum(words.values()) <= WORDS, words
+
+
+def test_the_article_shows_nothing_that_the_pages_do_not():
+    text = ARTICLE.read_text().split("---", 2)[2]
+    pages = "\n".join(page.read_text() for page in [ROOT / "README.md", *PAGES.rglob("*.md")])
+    numbers = {n.rstrip(".,") for n in re.findall(r"(?<![\w.,])\d[\d.,–]*", text)}
+    shown = set(re.findall(r"(?<![\w.])\d(?:[\d.,–]*\d)?", pages))
+    assert {number for number in numbers if len(number) > 1} <= shown
+    keys = set(re.findall(r"@(\w+)", text))
+    assert keys == set(re.findall(r"^@\w+\{(\w+),", ARTICLE.with_suffix(".bib").read_text(), re.M))
+    for picture in re.findall(r"\]\((\S+\.png)\)", text):
+        assert (ARTICLE.parent / picture).is_file()
 
 
 @pytest.mark.parametrize("command", commands())
