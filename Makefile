@@ -11,7 +11,8 @@
 # make clean     removes the environment and caches, never results
 #
 # Variables: RANKS=2 STUDY=study.toml SET="stimulus.text=EFG protocol.depth_mm=1.5"
-# RESULTS=folder PYTHON=python3 (an environment of your own that has DOLFINx).
+# RESULTS=folder PYTHON=python3 (an environment of your own that has DOLFINx)
+# BASE_PYTHON=python3.13 (from which .venv is made; default the first that suits).
 
 RANKS   ?= $(shell test "$$(env -u OMP_NUM_THREADS nproc 2>/dev/null || echo 1)" -ge 2 && echo 2 || echo 1)
 STUDY   ?=
@@ -100,4 +101,4 @@ clean:
 	find tactile_fem tests demos -name __pycache__ -type d -prune -exec rm -rf {} +
 
 help:
-	@sed -n 's/^# \{0,1\}//p' Makefile | head -16
+	@sed -n '/^$$/q; s/^# \{0,1\}//p' Makefile
