@@ -193,6 +193,19 @@ def test_the_image_pins_what_it_installs():
         assert wanted.name in pins and wanted.specifier.contains(pins[wanted.name]), wanted
 
 
+def test_the_image_copies_all_that_its_first_installation_imports(tmp_path):
+    before = (ROOT / "docker" / "Dockerfile").read_text().partition("pip install")[0]
+    for *names, folder in map(str.split, re.findall(r"^COPY (.+)$", before, re.MULTILINE)):
+        (tmp_path / folder).mkdir(parents=True, exist_ok=True)
+        for path in (ROOT / name for name in names if (ROOT / name).is_file()):
+            (tmp_path / folder / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "setuptools").mkdir()
+    (tmp_path / "setuptools" / "build_meta.py").touch()
+    # Without site-packages: there the package is complete.
+    command = [sys.executable, "-S", "-E", "-c", "import tactile_fem.runtime.build"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+
+
 def test_an_older_python_is_refused_before_pip_looks_for_packages(monkeypatch):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     monkeypatch.setattr(sys, "version_info", (3, 11, 7))
