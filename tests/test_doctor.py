@@ -176,14 +176,44 @@ def required(extras: Iterable[str]) -> list[Requirement]:
     return [Requirement(line) for line in (*project["dependencies"], *of_extras)]
 
 
+def of_conda(text: str) -> dict[str, str]:
+    return dict(re.findall(r"^ +- ([\w-]+) ?([<>=][^\s#]*)?", text, re.MULTILINE))
+
+
+def named_by_conda(wanted: list[Requirement]) -> dict[str, str]:
+    return {
+        IN_CONDA.get(r.name, r.name): ",".join(sorted(str(r.specifier).split(","), reverse=True))
+        for r in wanted
+    }
+
+
 def test_conda_brings_what_pip_does():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    text = (ROOT / "docker" / "environment.yml").read_text()
-    lines = dict(re.findall(r"^ +- ([\w-]+) ?([<>=][^\s#]*)?", text, re.MULTILINE))
+    lines = of_conda((ROOT / "docker" / "environment.yml").read_text())
     wanted = required(project["optional-dependencies"].keys() - {"html", "docs", "readers"})
-    found = {r.name: lines.get(IN_CONDA.get(r.name, r.name)) for r in wanted}
-    assert found == {r.name: ",".join(sorted(str(r.specifier).split(","), reverse=True))
-                     for r in wanted}  # fmt: skip
+    assert named_by_conda(wanted).items() <= lines.items()
+
+
+def test_the_recipe_of_conda_says_what_the_project_does():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    text = (ROOT / "docker" / "recipe" / "recipe.yaml").read_text()
+    python = project["requires-python"].removeprefix(">=")
+    (main,) = project["scripts"].items()
+    for line in (
+        f'version: "{project["version"]}"',
+        f'python_min: "{python}"',
+        f"- {' = '.join(main)}",
+        f"- {project['name']} --help",
+        f"summary: {project['description']}",
+    ):
+        assert re.search(rf"^ +{re.escape(line)}( +#.*)?$", text, re.MULTILINE), line
+    _, run, constraints, _ = re.split(r"^  run:|^  run_constraints:|^tests:", text, flags=re.M)
+    found = of_conda(run)
+    assert named_by_conda(required(["solver"])).items() <= found.items()
+    assert len(found) == len(required(["solver"])) + len(["python", "petsc", "c-compiler"])
+    extras = ["mesh", "pictures", "cad", "drawings", "reduce", "neo", "nwb"]
+    wanted = named_by_conda(required(extras)).items() - named_by_conda(required([])).items()
+    assert of_conda(constraints).items() == wanted
 
 
 def test_the_image_pins_what_it_installs():
@@ -191,6 +221,19 @@ def test_the_image_pins_what_it_installs():
     pins = dict(re.findall(r"^([\w-]+)==(\S+)$", (ROOT / "docker/pins.txt").read_text(), re.M))
     for wanted in required(extras.split(",")):
         assert wanted.name in pins and wanted.specifier.contains(pins[wanted.name]), wanted
+
+
+def test_the_image_copies_all_that_its_first_installation_imports(tmp_path):
+    before = (ROOT / "docker" / "Dockerfile").read_text().partition("pip install")[0]
+    for *names, folder in map(str.split, re.findall(r"^COPY (.+)$", before, re.MULTILINE)):
+        (tmp_path / folder).mkdir(parents=True, exist_ok=True)
+        for path in (ROOT / name for name in names if (ROOT / name).is_file()):
+            (tmp_path / folder / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "setuptools").mkdir()
+    (tmp_path / "setuptools" / "build_meta.py").touch()
+    # Without site-packages: there the package is complete.
+    command = [sys.executable, "-S", "-E", "-c", "import tactile_fem.runtime.build"]
+    subprocess.run(command, cwd=tmp_path, check=True)
 
 
 def test_an_older_python_is_refused_before_pip_looks_for_packages(monkeypatch):
