@@ -190,6 +190,31 @@ def test_they_are_drawn(small_finger):
     np.testing.assert_allclose(way.get_xydata()[-2], [-0.7, 1.0], atol=1e-12)
 
 
+def test_a_kind_moves_its_shape_not_its_body():
+    """Or `shift_mm` would have no effect."""
+    with pytest.raises(TypeError, match="Other must define shape: body moves it by shift_mm"):
+
+        class Other(Stimulus):
+            kind: Literal["other"] = "other"
+
+            def body(self):
+                return None
+
+
+def test_the_rooms_import_all_kinds():
+    """One whose module nobody imports would be no kind, for a study."""
+    code = """
+import pkgutil, importlib, tactile_fem
+from tactile_fem.study.file import _FAMILIES
+known = [set(family.kinds) for family in _FAMILIES]
+for room in ("stimulus", "path", "tissue", "shapes"):
+    for module in pkgutil.iter_modules([f"{tactile_fem.__path__[0]}/{room}"]):
+        importlib.import_module(f"tactile_fem.{room}.{module.name}")
+assert known == [set(family.kinds) for family in _FAMILIES]
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_kinds_load_nothing_heavy():
     heavy = "scipy", "shapely", "matplotlib", "igl", "trimesh", "PIL", "dolfinx"
     code = (

@@ -36,7 +36,7 @@ MARKDOWN = [
 NOTEBOOKS = sorted((PAGES / "tutorials").glob("*.ipynb"))
 SCRIPTS = sorted((ROOT / "demos" / "gallery").glob("*.py"))
 ARTICLE = ROOT / "demos" / "paper" / "paper.md"  # for reviewers
-WORDS, CONTRIBUTORS_WORDS, ARTICLE_WORDS = 18_000, 800, 1_750
+WORDS, CONTRIBUTORS_WORDS, ARTICLE_WORDS = 17_700, 800, 1_750
 
 
 def prose(file: Path) -> str:
@@ -67,16 +67,17 @@ def commands() -> list[str]:
 
 def test_all_pages_together_are_short():
     words = {file: len(prose(file).split()) for file in [*MARKDOWN, *NOTEBOOKS, *SCRIPTS]}
+    del words[ROOT / "CHANGELOG.md"]  # which grows
     assert words.pop(ROOT / "CONTRIBUTING.md") <= CONTRIBUTORS_WORDS
     assert 750 <= words.pop(ARTICLE) <= ARTICLE_WORDS
-    assert sum(words.values()) <= WORDS, words
+    assert sum(words.values()) <= WORDS, "who adds some words, cuts some"
 
 
 def test_the_article_shows_nothing_that_the_pages_do_not():
     text = ARTICLE.read_text().split("---", 2)[2]
     pages = "\n".join(page.read_text() for page in [ROOT / "README.md", *PAGES.rglob("*.md")])
-    numbers = {n.rstrip(".,") for n in re.findall(r"(?<![\w.,])\d[\d.,–]*", text)}
-    shown = set(re.findall(r"(?<![\w.])\d(?:[\d.,–]*\d)?", pages))
+    numbers = {n.rstrip(".,") for n in re.findall(r"(?<![\w.,])\d[\d.,\u2013]*", text)}
+    shown = set(re.findall(r"(?<![\w.])\d(?:[\d.,\u2013]*\d)?", pages))
     assert {number for number in numbers if len(number) > 1} <= shown
     keys = set(re.findall(r"@(\w+)", text))
     assert keys == set(re.findall(r"^@\w+\{(\w+),", ARTICLE.with_suffix(".bib").read_text(), re.M))

@@ -26,7 +26,7 @@ FAST = ROOT / "meshes" / "fast_finger.npz"
 def test_the_version_is_that_of_pyproject_everywhere():
     assert tactile_fem.__version__ == THIS
     assert f"\nversion: {THIS}\n" in (ROOT / "CITATION.cff").read_text()
-    newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    newest = re.search(r"^## (\d\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert newest[1] == THIS
 
 

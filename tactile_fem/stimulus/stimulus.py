@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
@@ -54,6 +54,12 @@ class Stimulus(Kind):
     shift_mm: tuple[Finite, Finite] = Field(
         (0.0, 0.0), description="shift of the body across (X) and along (Y) the finger"
     )
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        super().__pydantic_init_subclass__(**kwargs)
+        if "body" in vars(cls):
+            raise TypeError(f"{cls.__name__} must define shape: body moves it by shift_mm")
 
     def shape(self) -> RigidBody:
         """Return the body before `shift_mm`, its highest plane at z = 0."""
