@@ -111,5 +111,5 @@ def test_the_demo_compares_where_both_fire(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(other_models, "SensoryForge", Membrane)
     other_models.main(tmp_path, rate_Hz=2000.0)
     ours, theirs = (tmp_path / "other_models.csv").read_text().splitlines()[1:]
-    assert ours.startswith("ours,1183,") and 1100 < int(theirs.split(",")[1]) < 1260
+    assert ours.startswith("ours,560,") and 520 < int(theirs.split(",")[1]) < 600
     assert (tmp_path / "other_models.png").is_file() and (tmp_path / "ours.npz").is_file()

@@ -79,9 +79,9 @@ if MPI.COMM_WORLD.rank == 0:
 #    normal force in the slide   0.4428 to 0.4667 N
 #    tangential / normal, end    0.3806
 #    SED of the middle receptor  0.3007 to 0.4096 kPa
-#    spikes                      438
+#    spikes                      149
 #    tetrahedra, unknowns        2899, 11871
 #    steps, Newton iterations    35, 239
-#    ranks, wall time            2, 31 s
+#    ranks, wall time            2, 12 s
 #
 # On one rank the first five lines are the same.

@@ -7,7 +7,7 @@ A finger strokes two height maps, sandpaper and a plain weave, with 0.5 N.
 .. figure:: /pictures/textures.png
 
    Receptors feel high grains one by one, and threads across the finger all together. The SED of
-   the middle receptor varies by 50 % on sandpaper and by 19 % on cloth.
+   the middle receptor varies by 49 % on sandpaper and by 20 % on cloth.
 
 Expected time: 6 minutes on one core.
 

@@ -30,6 +30,7 @@ from scipy.optimize import brentq
 from tactile_fem import Population, Results, StudyError, run_script, write_table
 from tactile_fem.neuron import SampledModel, save
 from tactile_fem.series import RateImage, population_image, rate_image
+from tactile_fem.study import Neuron
 
 SCANS = Path(__file__).parents[1] / "gallery" / "scans.zip"
 LETTER = "letters/text-G"
@@ -86,7 +87,7 @@ def image_by(population: Population, results: Results, own: RateImage) -> RateIm
 
 def compared(results: Results, rate_Hz: float) -> dict[str, RateImage]:
     """Return the images of both models."""
-    own = population_image(results)
+    own = population_image(results, Neuron())
     wanted = int(own.response.counts().sum())
 
     def image(gain: float) -> RateImage:
