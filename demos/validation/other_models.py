@@ -1,18 +1,20 @@
-"""Hands what SA1 receptors feel under a letter to the afferents of SensoryForge.
+# %% [markdown]
+# # Our fields at receptors, given to the afferents of another package
+#
+# [SensoryForge](https://github.com/benefron/sensoryforge) (MIT) is a public model of tactile
+# encoding in PyTorch. Its SA filter (Parvizi-Fard et al. 2021, equations 6 and 7) and its
+# Izhikevich neuron, both with their own defaults, take our strain energy density, as our own
+# afferents do. Its currents have no scale in kPa: the gain, the only free number, is chosen so that
+# both fire as many spikes. What is compared is where they fire. Nothing of either is fitted to a
+# measurement.
+#
+#     python demos/validation/other_models.py results/other_models
+#     python demos/validation/other_models.py results/other_models --results results/letters
+#
+# It needs PyTorch, and SensoryForge from its repository. Without `--results`, the letter G of
+# `demos/gallery/scans.zip` is used.
 
-SensoryForge (https://github.com/benefron/sensoryforge, MIT) is a public model of tactile encoding
-in PyTorch. Its SA filter (Parvizi-Fard et al. 2021, equations 6 and 7) and its Izhikevich neuron,
-both with their own defaults, take our strain energy density, as our own afferents do. Its currents
-have no scale in kPa: the gain, the only free number, is chosen so that both fire as many spikes.
-What is compared is where they fire. Nothing of either is fitted to a measurement.
-
-    pip install torch, and SensoryForge from its repository
-    python demos/validation/other_models.py results/other_models
-    python demos/validation/other_models.py results/other_models --results results/letters
-
-Without ``--results``, the letter G of ``demos/gallery/scans.zip`` is used.
-"""
-
+# %%
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -156,5 +158,6 @@ def draw(images: dict[str, RateImage], file: Path) -> None:
     figure.savefig(file, dpi=200)
 
 
+# %%
 if __name__ == "__main__":
     run_script(main)

@@ -8,7 +8,6 @@ from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import make_interp_spline
 
 from tactile_fem.errors import StudyError
 from tactile_fem.neuron.population import Population
@@ -65,7 +64,9 @@ class SampledModel(Population):
         """Return the spikes that the model finds; a number of an afferent means nothing to it."""
         start, end = float(time_s[0]), float(time_s[-1])
         times = start + np.arange(np.floor((end - start) * self.rate_Hz) + 1) / self.rate_Hz
-        sampled = make_interp_spline(time_s, felt, k=1)(np.minimum(times, end))
+        sampled = np.empty((len(times), felt.shape[1]))
+        for k, one in enumerate(felt.T):
+            sampled[:, k] = np.interp(times, time_s, one)
         fired = np.asarray(self.model(sampled, 1 / self.rate_Hz))
         if fired.shape != sampled.shape:
             raise StudyError(
