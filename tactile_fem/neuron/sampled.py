@@ -18,6 +18,7 @@ Array = NDArray[Any]
 # Takes samples of what is felt, (n, receptors), and their interval, s; returns which of them are
 # spikes, (n, receptors).
 Spiking = Callable[[Array, float], ArrayLike]
+_ROUNDING = 1e-6  # of the number of samples
 
 
 def no_spikes(felt: Array, step_s: float) -> ArrayLike:
@@ -36,8 +37,8 @@ class SampledModel(Population):
     ----------
     model
         Called with samples of what the afferents feel, (n, receptors), in the unit of the drive,
-        and with their interval, s. It returns which samples are spikes, (n, receptors), so that
-        one of a time step's states, 0 or 1, will do.
+        and with their interval, s. It returns which samples are spikes, (n, receptors), as
+        booleans or as 0 and 1.
     rate_Hz
         Of the samples, from the first time of the history on; between its times it is linear.
     """
@@ -63,7 +64,8 @@ class SampledModel(Population):
     def respond(self, time_s: Array, felt: Array, units: ArrayLike | None = None) -> Response:
         """Return the spikes that the model finds; a number of an afferent means nothing to it."""
         start, end = float(time_s[0]), float(time_s[-1])
-        times = start + np.arange(np.floor((end - start) * self.rate_Hz) + 1) / self.rate_Hz
+        count = int((end - start) * self.rate_Hz + _ROUNDING) + 1
+        times = start + np.arange(count) / self.rate_Hz
         sampled = np.empty((len(times), felt.shape[1]))
         for k, one in enumerate(felt.T):
             sampled[:, k] = np.interp(times, time_s, one)
