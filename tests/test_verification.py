@@ -169,7 +169,7 @@ def test_brian(tmp_path):
     if not find_spec("brian2"):
         assert "not installed" in output
         return
-    assert number(r"first spikes differ by at most ([\d.]+) steps", output) < 2
+    assert number(r"first spikes differ by at most ([\d.]+) steps", output) < 1
     assert number(r"99% of all by at most ([\d.]+) ms", output) < 10
 
 

@@ -29,9 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from tactile_fem import Population, Results, StudyError, run_script, write_table
+from tactile_fem import Results, StudyError, run_script, write_table
 from tactile_fem.neuron import SampledModel, save
-from tactile_fem.series import RateImage, population_image, rate_image
+from tactile_fem.series import RateImage, population_image
 from tactile_fem.study import Neuron
 
 SCANS = Path(__file__).parents[1] / "gallery" / "scans.zip"
@@ -77,16 +77,6 @@ def gain_for(spikes: int, count: Callable[[float], int]) -> float:
     return float(np.exp(brentq(lambda x: count(np.exp(x)) - spikes + 0.5, low, high, xtol=1e-2)))
 
 
-def image_by(population: Population, results: Results, own: RateImage) -> RateImage:
-    """Return the image that another population makes of what the receptors of `own` felt."""
-    trace = results.trace
-    places = trace["receptors_mm"]
-    row = [int(np.argmin(np.hypot(places[:, 0] - x, places[:, 1]))) for x in own.across_mm]
-    time, felt = population.felt(trace)
-    speed = results.study.protocol.speed_mm_s
-    return rate_image(own.across_mm, time, felt[:, row], speed, population)
-
-
 def compared(results: Results, rate_Hz: float) -> dict[str, RateImage]:
     """Return the images of both models."""
     own = population_image(results, Neuron())
@@ -94,7 +84,7 @@ def compared(results: Results, rate_Hz: float) -> dict[str, RateImage]:
 
     def image(gain: float) -> RateImage:
         model = SampledModel(model=SensoryForge(gain), rate_Hz=rate_Hz)
-        return image_by(model, results, own)
+        return population_image(results, population=model)
 
     gain = gain_for(wanted, lambda gain: int(image(gain).response.counts().sum()))
     print(f"gain of SensoryForge: {gain:.3g} mA/kPa")

@@ -164,7 +164,7 @@ def rate_image(
 
 
 def population_image(
-    results: Results, neuron: Neuron | None = None, population: str | None = None
+    results: Results, neuron: Neuron | None = None, population: str | Population | None = None
 ) -> RateImage:
     """Return the image of the receptors of one scan on Y = 0.
 
@@ -175,7 +175,7 @@ def population_image(
     neuron
         Other constants than the study's.
     population
-        Name of the afferents; default the study's first.
+        Name of the afferents, or others in place of those of their name; default the study's first.
 
     Raises
     ------
@@ -201,8 +201,10 @@ def population_image(
     return rate_image(across, times, felt[:, row], _speed_mm_s(results), afferents)
 
 
-def _afferents(results: Results, name: str | None) -> Population:
-    """Return the population of a name, or the first."""
+def _afferents(results: Results, name: str | Population | None) -> Population:
+    """Return the population of a name, the first without one, or the one that is given."""
+    if isinstance(name, Population):
+        return name
     known = {one.name: one for one in results.study.populations}
     return known[name or next(iter(known))].population()
 

@@ -37,7 +37,5 @@ class Output(Settings):
     @model_validator(mode="before")
     @classmethod
     def _has_present_keys(cls, table: Any, info: ValidationInfo) -> Any:
-        is_saved = bool(
-            info.context and info.context.get("saved")
-        )  # results: nothing to write anew
+        is_saved = (info.context or {}).get("saved", False)  # in results nobody writes it anew
         return renamed(table, _FORMER, "output", warns=not is_saved)
